@@ -240,7 +240,7 @@ def require_gain(after: Alignment, before: Alignment) -> Iterator[Gate]:
     yield Gate("same_windows", int(has_same_windows), 1, has_same_windows)
     if has_same_windows:
         penalty = max(after.penalty - before.penalty, -float(np.log(limits.p_value)))
-        bootstrap = Bootstrap(after.of_block, np.random.default_rng(0))
+        bootstrap = Bootstrap(after.of_block)
         yield from limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, limits.p_value)
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -210,16 +210,10 @@ class Gain:
 class Bootstrap:
     """Random weights of blocks (DRAWS, S), of mean one: a factor for each recording times one for each block."""
 
-    def __init__(self, of_block: Index, rng: np.random.Generator) -> None:
+    def __init__(self, of_block: Index, rng: np.random.Generator | None = None) -> None:
+        """Draw weights of blocks with the recording of each (S,); by default with seed 0, once for equal blocks."""
         self.of_block = of_block
-        recordings, recording_of_block = np.unique(of_block, return_inverse=True)
-        weights = rng.exponential(size=(DRAWS, len(of_block)))
-        for k in range(len(recordings)):
-            weights[:, recording_of_block == k] /= weights[:, recording_of_block == k].mean(axis=1, keepdims=True)
-        if len(recordings) > 1:
-            recording_weights = rng.exponential(size=(DRAWS, len(recordings)))
-            weights *= (recording_weights / recording_weights.mean(axis=1, keepdims=True))[:, recording_of_block]
-        self.weights = weights
+        self.weights = _draw_default_weights(*of_block.tolist()) if rng is None else _draw_weights(of_block, rng)
 
     def gain(self, after: Array, before: Array, penalty: float = 0.0) -> Gain:
         """Return the gain of a model over another, from the log densities of both, (S,) each.
@@ -238,3 +232,23 @@ class Bootstrap:
         totals = self.weights @ np.column_stack(densities)
         odds = np.exp(totals - totals.max(axis=1, keepdims=True))
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
+
+
+def _draw_weights(of_block: Index, rng: np.random.Generator) -> Array:
+    """Draw the weights (DRAWS, S) of a bootstrap."""
+    recordings, recording_of_block = np.unique(of_block, return_inverse=True)
+    weights = rng.exponential(size=(DRAWS, len(of_block)))
+    for k in range(len(recordings)):
+        weights[:, recording_of_block == k] /= weights[:, recording_of_block == k].mean(axis=1, keepdims=True)
+    if len(recordings) > 1:
+        recording_weights = rng.exponential(size=(DRAWS, len(recordings)))
+        weights *= (recording_weights / recording_weights.mean(axis=1, keepdims=True))[:, recording_of_block]
+    return np.asarray(weights)
+
+
+@lru_cache(maxsize=2)
+def _draw_default_weights(*of_block: int) -> Array:
+    """Draw the weights with seed 0; the joints of an arm have the same blocks."""
+    weights = _draw_weights(np.array(of_block, dtype=np.intp), np.random.default_rng(0))
+    weights.setflags(write=False)
+    return weights

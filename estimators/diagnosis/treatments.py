@@ -101,7 +101,7 @@ def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
         failed = Decision((Gate("same_rows", 0, 1, False),))
         return failed, failed
     after, before = predicted
-    bootstrap = Bootstrap(after.of_block, np.random.default_rng(0))
+    bootstrap = Bootstrap(after.of_block)
     n_more = trial.data.timing.count_parameters() - best.data.timing.count_parameters()
     penalty = trial.evidence.penalty(trial.result.terms, best.result.terms)
     penalty += max(n_more, 0) * float(np.log(CHECKS.channel.candidates))

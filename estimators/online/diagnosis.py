@@ -383,7 +383,7 @@ class EffectMonitor:
         """
         comparison, change, criterion = self._comparison, self._change, self._criterion
         blocks, e_process = comparison.gains.blocks[:, :-1], comparison.gains.e_process
-        bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
+        bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp))
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
         ranking = []

@@ -130,7 +130,7 @@ class Densities:
     @cached_property
     def _bootstrap_of_holdout(self) -> Bootstrap:
         """Random weights of the held-out blocks alone."""
-        return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
+        return Bootstrap(self.bootstrap.of_block[self.held_out])
 
     def predict_held_out(self, model: Model) -> Array:
         """Return the log density of each held-out block (S,) under the parameters of a model [nat]."""

@@ -76,7 +76,7 @@ class Evidence:
             progress: called with the present work and the share that is done.
         """
         fits, ids = Fits(train, holdout, base), list_ids(base)
-        bootstrap = Bootstrap(number_recordings(fits), rng or np.random.default_rng(0))
+        bootstrap = Bootstrap(number_recordings(fits), rng)
         competing = [table for table in tables if table.id not in ids]
         library = effects() if library is None else library
         return cls._from_fits(fits, bootstrap, library, competing, criterion, progress)
@@ -112,7 +112,7 @@ class Evidence:
         others = self.library, self.tables, self.criterion, self.progress
         bootstrap, of_block = self.densities.bootstrap, number_recordings(fits)
         if len(of_block) != len(bootstrap.of_block):
-            bootstrap = Bootstrap(of_block, np.random.default_rng(0))
+            bootstrap = Bootstrap(of_block)
         return self._from_fits(fits, bootstrap, *others)
 
     def with_library(self, library: Mapping[str, type[Term]]) -> Evidence:

@@ -121,7 +121,7 @@ def compute_motion_gain(
     """
     new, old = after / noise, before / noise
     densities = [_compute_density_of_ratios(ratios, owner) for ratios in (new, old)]
-    gain = Bootstrap(owner, np.random.default_rng(0)).gain(densities[0], densities[1], penalty)
+    gain = Bootstrap(owner).gain(densities[0], densities[1], penalty)
     old_excess, new_excess = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
     first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(old_excess, new_excess, strict=True))
     return gain, (first, second)

@@ -91,6 +91,18 @@ class Recurrence:
             steps_per_input: steps per input.
             returned: indices of the returned states; by default all.
         """
+        return self.run(inputs, constants, states, every, steps_per_input, returned)[0]
+
+    def run(
+        self,
+        inputs: Array,
+        constants: Array,
+        states: Array,
+        every: int = 1,
+        steps_per_input: int = 1,
+        returned: Sequence[int] | None = None,
+    ) -> tuple[Array, Array]:
+        """Return the states as a call, and all states after the last step (S, V, B)."""
         shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
         rows = np.arange(len(states)) if returned is None else np.array(returned)
         wrapped = inputs if inputs.shape[2] > cycle else self.wrap_inputs(inputs)
@@ -104,7 +116,7 @@ class Recurrence:
         path[0] = current[rows]
         counts = steps, every, steps_per_input, padded, cycle, wrapped.shape[2], len(rows)
         self.program(*counts, *(values.ctypes.data for values in (wrapped, parameters, current, path, rows)))
-        return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
+        return path[..., :lanes].reshape(len(path), len(rows), *shape[1:]), current[:, :lanes].reshape(shape)
 
     def wrap_inputs(self, inputs: Array) -> Array:
         """Return inputs (N, inputs, B) in the layout of the program, with the first lanes repeated at the end.

@@ -10,6 +10,7 @@ import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -112,6 +113,7 @@ class Servos:
         temperature: temperature per step (N, B) [deg C]; None if not measured.
         encoder_step: step of the encoder that position controllers read [rad], from the initial position; None: they
             read the exact position. The speed of a continuous controller is exact.
+        ends: number of steps of each servo (B,); later ones need no simulation. None: all steps.
     """
 
     drives: tuple[ServoDrive, ...]
@@ -125,6 +127,7 @@ class Servos:
     load: KnownLoad
     temperature: Array | None = None
     encoder_step: float | None = None
+    ends: Index | None = None
 
     @property
     def at_output(self) -> bool:
@@ -183,11 +186,13 @@ class Servos:
         if len(self.goal) % every:
             return 1
         if every not in self._equal_steps:
-            inputs = self.make_inputs()
-            rows = inputs.reshape(-1, every, *inputs.shape[1:])
-            largest = ROUNDING * np.ptp(inputs, axis=(0, 2))[:, None]
-            is_equal = bool((np.abs(rows - rows[:, every // 2, None]) <= largest).all())
-            self._equal_steps[every] = every if is_equal else 1
+            series = (one.reshape(-1, every, one.shape[1]) for one in np.moveaxis(self.make_inputs(), 1, 0))
+            is_equal = (
+                np.abs(rows - rows[:, every // 2, None]).max() <= ROUNDING * span
+                for rows in series
+                if (span := np.ptp(rows))  # else it is constant
+            )
+            self._equal_steps[every] = every if all(is_equal) else 1
         return self._equal_steps[every]
 
     @cached_property
@@ -201,16 +206,34 @@ class Servos:
         known = [series for term in terms for series in term.list_known_states(middles)]
         return np.concatenate([inputs, np.stack(known, axis=1)], axis=1) if known else inputs
 
+    def list_spans(self, every: int) -> list[Span]:
+        """Return spans of steps, each of a multiple of `every`, with the servos that have not ended."""
+        ends = np.full(len(self.drives), len(self.goal)) if self.ends is None else -(-self.ends // every) * every
+        edges = np.unique([0, *ends]).tolist()
+        return [Span(begin, end, np.flatnonzero(ends >= end)) for begin, end in pairwise(edges)]
+
     @cached_property
-    def _wrapped_inputs(self) -> dict[Hashable, Array]:
+    def _wrapped_inputs(self) -> dict[Hashable, list[Array]]:
         return {}
 
-    def wrap_inputs(self, step: Recurrence, terms: Sequence[Term], repeats: int) -> Array:
-        """Return the inputs of terms in the layout of a compiled step, memoised by its width and known states."""
-        key = step.width, repeats, *(type(term) for term in terms if term.has_known_states())
+    def wrap_inputs(self, step: Recurrence, terms: Sequence[Term], every: int, repeats: int) -> list[Array]:
+        """Return the inputs of each span in the layout of a compiled step, memoised by its width and known states."""
+        key = step.width, every, repeats, *(type(term) for term in terms if term.has_known_states())
         if key not in self._wrapped_inputs:
-            self._wrapped_inputs[key] = step.wrap_inputs(self.list_inputs(terms, repeats))
+            inputs = self.list_inputs(terms, repeats)
+            self._wrapped_inputs[key] = [
+                step.wrap_inputs(inputs[begin // repeats : end // repeats][..., places])
+                for begin, end, places in self.list_spans(every)
+            ]
         return self._wrapped_inputs[key]
+
+
+class Span(NamedTuple):
+    """Steps of the integrator from `begin` to before `end`, and the places of the servos that are simulated."""
+
+    begin: int
+    end: int
+    places: Index
 
 
 class ControllerState(NamedTuple):
@@ -264,7 +287,8 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         every: steps between returned positions.
 
     Returns:
-        Encoder positions at the start and after each `every` steps (N / every + 1, V, B) [rad].
+        Encoder positions at the start and after each `every` steps (N / every + 1, V, B) [rad]; a servo that has ended
+        keeps its last one.
     """
     h, shape = servos.step, (theta.shape[1], len(servos.drives))
     delays = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
@@ -289,8 +313,8 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     theta = theta[:, :, None]
     constants = [*theta, *nonlinear, *gains[:, None], *(servos.load[:2] if has_load else ()), *weights, h]
     parameters = np.array([np.broadcast_to(value, shape) for value in constants])
-    q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
-    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.load_torque[0]))
+    q, v = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity))
+    x = Samples(servos.start, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.load_torque[0]))
     balance = TorqueBalance(terms, theta, has_load)
     x = move_to_motor(replace(x, memory=balance.start(x)), terms, servos.at_output)
     first_reading = v if servos.encoder_step is None else q
@@ -300,8 +324,14 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program is not None:
         repeats = servos.count_equal_steps(every) if any(term.has_known_states() for term in terms) else 1
-        inputs = servos.wrap_inputs(program, terms, repeats)
-        return np.asarray(program(inputs, parameters, states, every, repeats, [encoder_row])[:, 0])
+        path = np.empty((len(servos.goal) // every + 1, *shape))
+        inputs = servos.wrap_inputs(program, terms, every, repeats)
+        for (begin, end, places), of_span in zip(servos.list_spans(every), inputs, strict=True):
+            given = parameters[..., places], states[..., places]
+            part, states[..., places] = program.run(of_span, *given, every, repeats, [encoder_row])
+            path[begin // every : end // every + 1, :, places] = part[:, 0]
+            path[end // every + 1 :, :, places] = part[-1, 0]
+        return path
 
     def simulate_step(inputs: Array, rows: Array) -> list[Any]:  # for a user's law that is not symbolic
         output, *past = rows[len(stack_rows(x)) :]

@@ -120,7 +120,7 @@ def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], p_value: flo
     `names`.
     """
     best, penalty = max(fits, key=lambda fit: fit.likelihood), float(np.log(len(fits)))
-    bootstrap = Bootstrap(best.rows.layout.scored.of_block, np.random.default_rng(0))
+    bootstrap = Bootstrap(best.rows.layout.scored.of_block)
 
     def require_gain(after: ConventionFit, before: ConventionFit) -> list[Gate]:
         return limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, p_value)

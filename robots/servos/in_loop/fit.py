@@ -61,10 +61,15 @@ def _fit_by_steps(
     steps of single parameters.
     """
     visited: list[LocalErrors[LinearErrors]] = []
+    simulated: list[tuple[Point, Array]] = []  # last chosen points with their errors
     point = bind_terms(point)
 
+    def find_errors(point: Point) -> LinearErrors:
+        error = next((error for other, error in simulated if other is point), None)
+        return linearise_errors(rollouts, point, typical, nonlinear, length, error)
+
     def linearise(point: Point) -> LocalErrors[LinearErrors]:
-        local = linearise_errors(rollouts, point, typical, nonlinear, length)
+        local = find_errors(point)
         values, (low, high) = point.values, find_bounds(point)
         count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
         cost = -float(compute_log_likelihood(rollouts, local.error))
@@ -83,7 +88,8 @@ def _fit_by_steps(
         def choose_likeliest(steps: list[Array]) -> tuple[Point, float]:
             moves = [np.pad(step, (0, len(values) - count)) * size for step in steps]
             points = [bind_terms(point.with_values(values + move)) for move in moves]
-            best, gain = choose_likeliest_point(rollouts, points)
+            best, gain, error = choose_likeliest_point(rollouts, points)
+            simulated[:] = [*simulated[-1:], (best, error)]  # one of them is the next point
             return best, -gain
 
         before = visited[-2].known.point.values if len(visited) > 1 else values
@@ -101,7 +107,7 @@ def _fit_by_steps(
     rule = StopRule(LOOP.fit.iterations, LOOP.fit.dampings, least=LOOP.fit.enough, of_fall=share)
     best_point = gauss_newton(point, linearise, choose_step, rule)
     last = visited[-1].known
-    return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, length)
+    return last if last.point is best_point else find_errors(best_point)
 
 
 def _make_steps(slopes: Array) -> list[Array]:

@@ -56,7 +56,9 @@ def compute_likelihood_scale(rollouts: Rollouts, error: Array) -> float:
     return float(np.exp(-compute_log_likelihood(rollouts, error) / len(error)))
 
 
-def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
-    """Return the likeliest of some points, and its log density without a constant [nat]."""
-    likelihoods = compute_log_likelihood(rollouts, rollouts.compute_position_errors(points))
-    return points[int(np.argmax(likelihoods))], float(likelihoods.max())
+def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float, Array]:
+    """Return the likeliest of some points, its log density without a constant [nat], and its errors (R,) [rad]."""
+    errors = rollouts.compute_position_errors(points)
+    likelihoods = compute_log_likelihood(rollouts, errors)
+    best = int(np.argmax(likelihoods))
+    return points[best], float(likelihoods[best]), errors[:, best].copy()

@@ -86,12 +86,18 @@ def has_local_minima(terms: Sequence[Term]) -> bool:
 
 
 def linearise_errors(
-    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, length: float | None = None
+    rollouts: Rollouts,
+    point: Point,
+    typical: Array,
+    nonlinear: bool,
+    length: float | None = None,
+    error: Array | None = None,
 ) -> LinearErrors:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
 
     `typical` is the size of each linear parameter that matters (P,). Slopes are those of steps of relative `length`. If
-    the likelihood has many local minima, slopes for a nonlinear fit are those of secants to either side.
+    the likelihood has many local minima, slopes for a nonlinear fit are those of secants to either side. `error` are
+    the errors at the point (R,) [rad], if they are known.
     """
     has_minima = nonlinear and has_local_minima(point.terms)
     length = length or (LOOP.fit.secants if has_minima else LOOP.fit.differences)[-1]
@@ -110,15 +116,19 @@ def linearise_errors(
         for end in ends
         for is_changed, value in zip(is_moved, end, strict=True)
     ]
-    errors = rollouts.without_counts.compute_position_errors([point, *nearby])  # counts have no slopes
+    smooth = rollouts.without_counts  # counts have no slopes
+    if error is not None and smooth is rollouts:
+        errors = np.column_stack([error, smooth.compute_position_errors(nearby)])
+    else:
+        errors = smooth.compute_position_errors([point, *nearby])
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
     slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.with_values` keeps
-    error = errors[:, :1] if rollouts.encoder_step is None else rollouts.compute_position_errors([point])
-    scale = compute_error_scales(rollouts, error)[0]
+    error = errors[:, 0].copy() if smooth is rollouts else rollouts.compute_position_errors([point])[:, 0]
+    scale = compute_error_scales(rollouts, error[:, None])[0]
     least = rollouts.encoder_step or 1e-6 * scale  # counts have no smaller error, and steps would be too short
-    relative = np.pi / 2 * np.maximum(np.abs(error[:, 0]), least) / scale
+    relative = np.pi / 2 * np.maximum(np.abs(error), least) / scale
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
-    return LinearErrors(point, error[:, 0], slopes, weights)
+    return LinearErrors(point, error, slopes, weights)
 
 
 def find_bounds(point: Point) -> tuple[Array, Array]:

@@ -174,13 +174,18 @@ class RolloutRows:
             first = len(points) + 1
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in np.diag(size)]
             places.append((size, at_zero, slice(first, len(points) + 1)))
-        smooth, columns = self.rollouts.without_counts, []
-        errors = np.column_stack([smooth.compute_position_errors([point]), smooth.compute_position_errors(points)])
+        without, columns = self._simulate_without(point.terms, tuple(point.theta.tolist())), []
+        errors = np.column_stack([without, self.rollouts.without_counts.compute_position_errors(points)])
         changes = errors - errors[:, :1]
         for size, at_zero, place in places:
             slopes = (changes[:, place] - changes[:, at_zero, None]) / size
             columns.append(Columns(slopes, changes[:, at_zero], np.zeros_like(slopes)))
         return columns
+
+    @memoized
+    def _simulate_without(self, terms: Terms, theta: tuple[float, ...]) -> Array:
+        """Return the errors without an effect (R, 1) [rad], the same for all effects, and without counts."""
+        return self.rollouts.without_counts.compute_position_errors([Point(tuple(terms), np.array(theta))])
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""

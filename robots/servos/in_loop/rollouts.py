@@ -75,9 +75,9 @@ class Rollouts:
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
         step, segments = self.positions.grain / self._steps_per_grain, self.positions.segments
-        count = self._steps_per_grain * max(len(segment.times) for segment in segments)
+        ends = self._steps_per_grain * np.array([len(segment.times) for segment in segments])
         encoder_step = (self.encoder_step or LOOP.encoder.unseen) if self._reads_counts else None
-        return make_servos([segment.part for segment in segments], step, count, encoder_step)
+        return make_servos([segment.part for segment in segments], step, ends, encoder_step)
 
     @property
     def _reads_counts(self) -> bool:

@@ -8,22 +8,23 @@ import numpy as np
 
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 from pendulum_env.physics import SIGNIFICANT, KnownLoad
 from pendulum_env.recording import Recording
 from robots.servos.loop import ControllerSamples, Servos
 from robots.servos.torque import find_drive, follow_goals, get_bus_voltage
 
 
-def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_step: float | None) -> Servos:
+def make_servos(parts: Sequence[Recording], step: float, ends: Index, encoder_step: float | None = None) -> Servos:
     """Make the inputs of servos from recordings without gaps; shorter ones are padded with their last sample.
 
     Args:
         parts: recordings with a goal and a drive.
         step: of the integrator [s].
-        count: number of steps.
+        ends: number of steps of each recording (B,).
         encoder_step: step of the encoder that controllers read [rad]; None: they read the exact position.
     """
+    count = int(ends.max())
     begins = np.arange(count, dtype=np.float64) * step + 1e-6  # of the steps [s], against rounding
 
     def stack(read: Callable[[Array, Recording], Array], values: Iterable[Array | float | None]) -> Array:
@@ -78,6 +79,7 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
         known_load if any(loads) else KnownLoad(),
         stack(interpolate, [get_temperature(part) for part in parts]),
         encoder_step,
+        ends,
     )
 
 

@@ -309,6 +309,21 @@ def test_variants_and_servos_do_not_know_of_each_other():
     assert paths[:, 0, 0] == pytest.approx(path(two[0], goals[0]), abs=1e-12)
 
 
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_servo_moves_alike_until_its_end_beside_a_longer_one(every):
+    """Lanes of a batch of unequal logs end one by one."""
+    drive, rest, goal = ServoDrive(kp=0.5, gain=0.4), np.zeros(3), np.column_stack([wave(), 0.5 * wave(), 2 * wave()])
+    ends = np.array([len(goal), 4001, 12000])
+    servos = Servos(
+        (drive,) * 3, STEP, goal, np.full_like(goal, 10.0), np.ones_like(goal), rest, rest, rest, KnownLoad()
+    )
+    theta = np.column_stack([SMOOTH, SMOOTH * [1.5, 0.7, 1.2, 1.0]])
+    whole, ended = (simulate_servos(BASE, theta, each, every) for each in (servos, replace(servos, ends=ends)))
+    for lane, end in enumerate(-(-ends // every)):
+        assert (ended[: end + 1, :, lane] == whole[: end + 1, :, lane]).all()
+        assert (ended[end:, :, lane] == ended[end, :, lane]).all()
+
+
 def test_law_that_is_no_formula_is_simulated_all_the_same():
     drive, goal = ServoDrive(kp=0.5, gain=0.4), wave(0.2)
     tabled, clipped = (path(drive, goal, (*BASE, kind()), np.r_[SMOOTH, 0.3]) for kind in (Table, Clipped))
