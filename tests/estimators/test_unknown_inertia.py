@@ -12,6 +12,7 @@ from estimators.identification import identify
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording
+from tests import slow
 from tests.cases import diagnosed
 from workbench.narrator.diagnosis import describe_addition, describe_unstable
 
@@ -31,7 +32,7 @@ def sweep(seed=0, offset=0.0, inertia=2e-4, speed=0.5, ramp=0.3, **law) -> Recor
     return Recording(time, step * np.round(position / step), torque, name="sweep")
 
 
-@pytest.fixture(scope="module", params=range(2))
+@pytest.fixture(scope="module", params=slow.but_first(range(2)))
 def run(request) -> Recording:
     return sweep(request.param)
 

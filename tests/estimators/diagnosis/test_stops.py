@@ -95,7 +95,7 @@ def test_an_arm_at_rest_within_its_friction_has_no_stop(moving, resting, coulomb
     assert found.selected == () and found.unexplained == ()
 
 
-def limited(lower: float, upper: float, seed: int, rate: float = 500.0, seconds: float = 20.0) -> Recording:
+def limited(lower: float, upper: float, seed: int, rate: float = 250.0, seconds: float = 20.0) -> Recording:
     """A pendulum of MuJoCo with limits of its joint, of the default `solref`, which are damped critically."""
     length = 0.5 * INERTIA * 9.81 / GRAVITY
     mass = GRAVITY / 9.81 / length
