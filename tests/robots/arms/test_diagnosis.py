@@ -197,17 +197,17 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
 
 
 @pytest.mark.slow
-def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelvin(six):
+def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelvin(three):
     hidden = Hidden("temperature_dependent_friction", 2)
-    recording = six_joint.simulate(6, hidden, seconds=12.0, thermometers=True)
+    recording = six_joint.simulate(6, hidden, seconds=12.0, thermometers=True, rubs=RUBS)
     some = SOME | {TemperatureDependentFriction.id: TemperatureDependentFriction}
-    found = diagnose(recording, (), arm_base(six), library=some)
+    found = diagnose(recording, (), arm_base(three), library=some)
     assert found.selected == ("temperature_dependent_friction@elbow",)
     for part, share in (("viscous", six_joint.VISCOUS_SHARE), ("coulomb", six_joint.COULOMB_SHARE)):
         own = found.model.derived[f"temperature_dependent_friction.{part}_share@elbow"]
         assert own.unit == "%/K"
         assert own.value == pytest.approx(100 * share, abs=4 * own.std) and own.std < 0.1 * abs(own.value)
-    unmeasured = diagnose(replace(recording, temperature=None), (), arm_base(six), library=some)
+    unmeasured = diagnose(replace(recording, temperature=None), (), arm_base(three), library=some)
     assert unmeasured.selected == () and "elbow" in unmeasured.joint_residuals
 
 
@@ -240,9 +240,9 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(three, tmp_
 
 
 @pytest.mark.slow
-def test_where_no_weight_acts_a_table_may_be_a_line(six):
-    recording = six_joint.simulate(6, Hidden("spring", 0, share=0.6), seconds=12.0)
-    found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
+def test_where_no_weight_acts_a_table_may_be_a_line(three):
+    recording = six_joint.simulate(6, Hidden("spring", 0, share=0.6), seconds=12.0, rubs=RUBS)
+    found = diagnose(recording, (), arm_base(three), library={"stribeck": Stribeck})
     assert found.tables == ("torque_by_angle@base",)
     model = add(found.model, found.tables[0], recording).after.model
     *_, table = model.terms
