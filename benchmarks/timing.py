@@ -1,4 +1,4 @@
-"""CPU time of `diagnose` [s] and of online samples [us], each in a separate process.
+"""CPU time of `diagnose` [s] and of online samples [ms], each in a separate process.
 
     python -m benchmarks.timing [--other FOLDER] [NAME ...]
 
@@ -36,24 +36,27 @@ LIMITS = {  # [s]
     "six joints, nothing hidden": 8.0,
     "six joints, friction by load at two": 30.0,
 }
-# algorithm, and most CPU time of a sample at 1 kHz [us]
+# algorithm, rate [Hz], and longest CPU time of a sample [ms]
 ONLINE = {
-    "DiagnoseOnline, all effects": ("Diagnoser(1000.0)", 200.0),
-    "EstimateParameters, six schemes": ("OnlineEstimator(1000.0)", 60.0),
+    "DiagnoseOnline, all effects": ("Diagnoser", 1000.0, 5.0),
+    "DiagnoseOnline, all effects, 200 Hz": ("Diagnoser", 200.0, 5.0),
+    "EstimateParameters, six schemes": ("OnlineEstimator", 1000.0, 5.0),
 }
+SHARES = (50.0, 99.0, 99.9, 100.0)  # [%], percentiles of the time of a sample
 FEED = """
 import time
 import numpy as np
 from estimators.online import Diagnoser, OnlineEstimator
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-run = record(None, excitation("paper", 1), 20.0, rate=1000.0, rng=1)
+run = record(None, excitation("paper", 1), 20.0, rate={rate}, rng=1)
 samples = [tuple(np.full(1, value) for value in each) for each in zip(run.time, run.position, run.torque)]
-algorithm = {}
-begin = time.process_time()
+algorithm, times = {algorithm}({rate}), []
 for sample in samples:
+    begin = time.thread_time()
     algorithm.take(*sample)
-print((time.process_time() - begin) / len(samples) * 1e6)
+    times.append(1e3 * (time.thread_time() - begin))
+print(np.mean(times), *np.percentile(times, {shares}))
 """
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
 HERE = Path(__file__).resolve().parents[1]
@@ -65,12 +68,12 @@ def make_environment(version: Path) -> dict[str, str]:
     return kept | ONE_THREAD | {"PYTHONPATH": str(version.resolve())}
 
 
-def measure_online(version: Path, algorithm: str) -> float:
-    """Return the CPU time of a sample [us] of an online algorithm, least of three runs of 20 s."""
-    line = [sys.executable, "-P", "-c", FEED.format(algorithm)]
+def measure_online(version: Path, algorithm: str, rate: float) -> list[float]:
+    """Return mean and percentiles of the CPU time of a sample [ms], least of three runs of 20 s each."""
+    line = [sys.executable, "-P", "-c", FEED.format(algorithm=algorithm, rate=rate, shares=SHARES)]
     environment = make_environment(version)
     runs = (subprocess.run(line, capture_output=True, text=True, check=True, env=environment) for _ in "abc")
-    return min(float(run.stdout) for run in runs)
+    return np.min([np.fromstring(run.stdout, sep=" ") for run in runs], axis=0).tolist()
 
 
 def write_inputs(name: str, folder: Path) -> list[str]:
@@ -109,13 +112,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if unknown := sorted({*arguments.names} - {*names}):
         parser.error(f"unknown case {unknown[0]!r}: choose from {'; '.join(names)}")
-    terminal, rows = Terminal(), []
+    terminal, rows, online_rows = Terminal(), [], []
     for name in arguments.names or names:
         if name in ONLINE:
-            algorithm, limit = ONLINE[name]
-            times = [measure_online(version, algorithm) for version in filter(None, (HERE, arguments.other))]
-            ratio = [f"{times[0] / times[1]:.2f}"] if arguments.other else []
-            rows.append((name, *(f"{value:.0f} us" for value in times), *ratio, f"{limit:g} us"))
+            algorithm, rate, limit = ONLINE[name]
+            for version, suffix in ((HERE, ""), (arguments.other, ", other")):
+                if version is not None:
+                    times = measure_online(version, algorithm, rate)
+                    online_rows.append((name + suffix, *(f"{value:.2f}" for value in times), f"{limit:g}"))
             continue
         with tempfile.TemporaryDirectory() as folder:
             inputs = write_inputs(name, Path(folder))
@@ -124,7 +128,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         beside = (f"{other:.1f}", f"{here / other:.2f}") if arguments.other else ()
         rows.append((name, f"{here:.1f}", *beside, f"{LIMITS[name]:g}" if name in LIMITS else ""))
     beside = ("other [s]", "ratio") if arguments.other else ()
-    terminal.print_table(("case", "CPU [s]", *beside, "limit [s]"), rows, left=("case",))
+    if rows:
+        terminal.print_table(("case", "CPU [s]", *beside, "limit [s]"), rows, left=("case",))
+    if online_rows:
+        headers = ("sample [ms]", "mean", *(f"{share:g} %" for share in SHARES), "limit")
+        terminal.print_table(headers, online_rows, left=headers[:1])
     return 0
 
 

@@ -6,7 +6,7 @@ other effects by `set_hints`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -119,7 +119,12 @@ def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
 
     `residual` is the unexplained torque in the samples (N,) [N m].
     """
-    return list(dict.fromkeys(clip_term(variant) for variant in find_hints(kind).grid(kind, x, residual)))
+    return list(dict.fromkeys(iterate_grid(kind, x, residual)))
+
+
+def iterate_grid(kind: type[Term], x: Samples, residual: Array) -> Iterator[Term]:
+    """Yield the variants of `make_grid` one by one; variants with equal values after clipping are repeated."""
+    return map(clip_term, find_hints(kind).grid(kind, x, residual))
 
 
 def count_variants(kind: type[Term], x: Samples, residual: Array) -> int:
@@ -175,19 +180,18 @@ def _is_cogging(term: Cogging, x: Samples) -> bool:
     return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * WAVES)
 
 
-def _list_stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
+def _list_stops(kind: type[Any], x: Samples, residual: Array) -> Iterator[Term]:
     """List possible stops near either end of the motion, elastic and damped.
 
     Depths are 0.01 to 40 % of the range. The motion meets each stop, and the joint is free at the median of its path.
     `residual` is not used.
     """
-    q = np.asarray(x.position)
-    low, high = float(q.min()), float(q.max())
+    low, median, high = _describe_path(x)
     depths = (high - low) * np.geomspace(1e-4, 0.4, 10)
     lower, upper = (low + depths).tolist(), (high - depths).tolist()
     ends = [*((stop, np.inf) for stop in lower), *((-np.inf, stop) for stop in upper), *product(lower, upper)]
-    variants = [kind(*stops, damping_time=damping) for damping in (0.0, 0.01, 0.04) for stops in ends]
-    return [variant for variant in variants if _is_stop(variant, x)]
+    possible = [stops for stops in ends if stops[0] < median < stops[1]]
+    return (kind(*stops, damping_time=damping) for damping in (0.0, 0.01, 0.04) for stops in possible)
 
 
 def _is_stop(term: HardStop, x: Samples) -> bool:
@@ -195,10 +199,16 @@ def _is_stop(term: HardStop, x: Samples) -> bool:
 
     A torque along more than half of the path is that of a spring.
     """
+    low, median, high = _describe_path(x)
+    is_met = (low < term.lower or np.isinf(term.lower)) and (term.upper < high or np.isinf(term.upper))
+    return bool(is_met and term.lower < median < term.upper)
+
+
+def _describe_path(x: Samples) -> tuple[float, float, float]:
+    """Return the lowest position of a motion, the median of its path, and the highest position."""
     order = np.argsort(x.position)
     path, q = np.cumsum(np.abs(np.asarray(x.velocity)[order])), np.asarray(x.position)[order]
-    is_met = (q[0] < term.lower or np.isinf(term.lower)) and (term.upper < q[-1] or np.isinf(term.upper))
-    return bool(is_met and term.lower < q[np.searchsorted(path, 0.5 * path[-1])] < term.upper)
+    return float(q[0]), float(q[np.searchsorted(path, 0.5 * path[-1])]), float(q[-1])
 
 
 def _list_warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:

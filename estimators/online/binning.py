@@ -14,7 +14,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import return_one, return_zero
 
 SERIES = [TIME, POSITION, VELOCITY, TORQUE]  # of a bin
+BY_BIN = "y", "at", "link_columns", "scale", "slices", "torque_noise"  # fields of `Bins` with one row per bin
 MARGIN = 3  # instants of a bin without a row: two before the first and one after the last
 
 
@@ -283,11 +284,19 @@ class Bins:
         at = np.array(plant.joints)[joint]
         return cls(series, y, plant, at, link_columns, bin_scale, slices, noise / bin_scale)
 
+    @classmethod
+    def join(cls, parts: Sequence[Bins]) -> Bins:
+        """Join bins of one plant in the order of the parts."""
+        if len(parts) == 1:
+            return parts[0]
+        by_bin: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_BIN}
+        return replace(parts[0], series=np.concatenate([part.series for part in parts], axis=1), **by_bin)
+
     def select_joint(self, name: str) -> Bins:
         """Select the bins of one joint."""
         mask = self.at == name
-        by_bin = "y", "at", "link_columns", "scale", "slices", "torque_noise"
-        return replace(self, series=self.series[:, mask], **{name: getattr(self, name)[mask] for name in by_bin})
+        by_bin: dict[str, Any] = {name: getattr(self, name)[mask] for name in BY_BIN}
+        return replace(self, series=self.series[:, mask], **by_bin)
 
     @property
     def middle(self) -> Samples:

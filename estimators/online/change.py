@@ -10,6 +10,7 @@ from scipy.special import ndtr, stdtrit
 
 from estimators.decisions.score import compute_log_student
 from estimators.online.settings import ONLINE
+from estimators.online.work import Work
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Index
 
@@ -87,7 +88,7 @@ class ParameterChange:
         self.changed = {self.names[j]: (float(delta[j]), float(std[j])) for j in significant}
 
 
-def find_change(phi: Array, y: Array, first: int, last: int) -> int:
+def find_change(phi: Array, y: Array, first: int, last: int) -> Work[int]:
     """Find the row after which another fit predicts best, between a first and a last row.
 
     `first` rows have the former parameters. The best of some equally spaced rows is refined to a single row.
@@ -100,17 +101,19 @@ def find_change(phi: Array, y: Array, first: int, last: int) -> int:
     error = y - phi @ theta
     before = np.concatenate([[0.0], np.cumsum(_log_densities(error, error[:first]))])
 
-    def find_best(splits: Index) -> int:
+    def find_best(splits: Index) -> Work[int]:
         gains = []
-        for k in splits:
+        for number, k in enumerate(splits):
+            if number % ONLINE.work.splits == 0:
+                yield
             theta_after, _ = _solve_least_squares(phi[k:], y[k:])
             error = y[k:] - phi[k:] @ theta_after
             gains.append(before[k] + _log_densities(error, error).sum())
         return int(splits[int(np.argmax(gains))])
 
-    k = find_best(np.unique(np.linspace(first, last, ONLINE.models.splits).astype(np.intp)))
+    k = yield from find_best(np.unique(np.linspace(first, last, ONLINE.models.splits).astype(np.intp)))
     step = -(-(last - first) // (ONLINE.models.splits - 1))
-    return find_best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp))
+    return (yield from find_best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp)))
 
 
 def _solve_least_squares(phi: Array, y: Array) -> tuple[Array, Array]:

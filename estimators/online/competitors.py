@@ -26,7 +26,7 @@ Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -34,10 +34,11 @@ import numpy as np
 
 from estimators.decisions.score import MAX_ITERATIONS, compute_log_student, weigh_squares
 from estimators.online.binning import Bins, ModelRows, PlantBins, is_late
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import RootRecursion
 from estimators.online.settings import ONLINE
-from estimators.regression.least_squares import RIDGE, Equations
-from estimators.regression.recursive import PRIOR, compute_history
+from estimators.online.work import Work
+from estimators.regression.least_squares import RIDGE
+from estimators.regression.recursive import PRIOR
 from estimators.regression.response import LEAST_SLOPE
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Term
@@ -47,10 +48,7 @@ def _stack_variants(variants: Sequence[Term]) -> Term:
     """Stack V > 1 variants of an effect into one term with nonlinear parameters (V, 1, 1): variant, bin, sample."""
     if len(variants) == 1:
         return variants[0]
-    values = {
-        name: np.array([variant.nonlinear_values[name] for variant in variants])
-        for name in variants[0].nonlinear_values
-    }
+    values = {name: np.array([getattr(variant, name) for variant in variants]) for name in variants[0].nonlinear_values}
     return type(variants[0])(**{name: series[:, None, None] for name, series in values.items()})
 
 
@@ -81,6 +79,11 @@ class LateTorque(NamedTuple):
         slope = (more - weights) / (step * (delay + lag))[:, None]
         return cls(delay + lag, weights, weights - plant.compute_late_weights(0.0, 0.0), slope, term.at)
 
+    def select(self, models: slice) -> LateTorque:
+        """Select some variants."""
+        values, weights, change, slope, at = self
+        return LateTorque(values[models], weights[models], change[models], slope[models], at)
+
     def compute_noise_share(self, covariance: Array) -> Array:
         """Compute the share of the variance of torque noise that passes, as a quadratic in changes of `values` (3, V).
 
@@ -88,8 +91,8 @@ class LateTorque(NamedTuple):
         """
         on_time = self.weights - self.change
         products = ((self.weights, self.weights), (2.0 * self.weights, self.slope), (self.slope, self.slope))
-        variances = [np.einsum("vk,kl,vl->v", *(a, covariance, b), optimize=True) for a, b in products]
-        return np.asarray(variances / np.einsum("vk,kl,vl->v", on_time, covariance, on_time, optimize=True))
+        variances = [np.sum((a @ covariance) * b, axis=1) for a, b in products]
+        return np.asarray(variances / np.sum((on_time @ covariance) * on_time, axis=1))
 
     def evaluate_rows(self, bins: Bins, base: ModelRows, width: int) -> ModelRows:
         """Evaluate the torque balance with each variant, see `CompetingModels`; `width` is the number of columns."""
@@ -118,13 +121,17 @@ class CompetingModels:
     """
 
     def __init__(
-        self, terms: Sequence[Term], bins: Bins, effects: Sequence[Sequence[Term]] = (), memories: Sequence[float] = ()
+        self,
+        terms: Sequence[Term],
+        plant: PlantBins,
+        effects: Sequence[Sequence[Term]] = (),
+        memories: Sequence[float] = (),
     ) -> None:
-        """Fit the running model, with variants of each effect and memories of forgetting [bins], to bins.
+        """Create the running model, with variants of each effect and memories of forgetting [bins], without a fit.
 
         All variants have the same weight.
         """
-        self.terms, self._memories = tuple(terms), tuple(memories)
+        self.terms, self._plant, self._memories = tuple(terms), plant, tuple(memories)
         self.families = ((), *map(tuple, effects), *([()] if memories else []))
         self._n_named = 1 + len(effects)  # families without that of the memories
         self._stacked = [[_stack_variants(variants)] if variants else [] for variants in self.families]
@@ -148,63 +155,92 @@ class CompetingModels:
         self._late: dict[int, LateTorque] = {}  # by family
         for family, stacked in enumerate(self._stacked):
             for term in filter(is_late, stacked):
-                self._late[family] = late = LateTorque.build(term, bins.plant)
-                self._noise_share[:, self.models[family]] = late.compute_noise_share(bins.plant.slice_covariance)
+                self._late[family] = late = LateTorque.build(term, plant)
+                self._noise_share[:, self.models[family]] = late.compute_noise_share(plant.slice_covariance)
                 self._lower[self.models[family], 0] = -0.5 * late.values
                 self._upper[self.models[family], 0] = late.values
-        self._fit_models(bins)
+        parameters, (count, width) = sum(len(term.columns) for term in self.terms), self._lower.shape
+        self.y_on_base, self.columns_on_base = np.zeros((count, parameters)), np.zeros((count, width, parameters))
+        self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
+        self.square, self.weight = np.zeros((2, count))
         self.weight[self._forgets] = ONLINE.models.least_memory_weight
 
-    def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
-        """Evaluate the columns that a family adds to the running model, padded to K columns."""
-        models = self.models[family]
+    @classmethod
+    def fit(
+        cls,
+        terms: Sequence[Term],
+        bins: Bins,
+        effects: Sequence[Sequence[Term]] = (),
+        memories: Sequence[float] = (),
+    ) -> Work[CompetingModels]:
+        """Create models as the constructor, and fit them to bins."""
+        yield
+        models = cls(terms, bins.plant, effects, memories)
+        yield from models._fit_families(bins, range(len(models.families)))
+        return models
+
+    def _evaluate_effect_rows(self, family: int, part: slice, bins: Bins, base: ModelRows) -> ModelRows:
+        """Evaluate the columns that variants of a family add to the running model, padded to K columns."""
+        variants, models = self.families[family], self.models[family]
+        count = len(range(models.stop - models.start)[part])
         if family in self._late:
-            return self._late[family].evaluate_rows(bins, base, self._lower.shape[1])
-        rows = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
+            return self._late[family].select(part).evaluate_rows(bins, base, self._lower.shape[1])
+        is_whole = count == models.stop - models.start
+        stacked = self._stacked[family] if is_whole or not variants else [_stack_variants(variants[part])]
+        rows = bins.evaluate_rows(stacked, count)
         phi, slope = np.zeros((2, *rows.y.shape, self._lower.shape[1]))
         phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
         y, y_slope = base.y[:, None] + rows.y - bins.y[:, None], base.y_slope[:, None] + rows.y_slope - 1.0
         return ModelRows(phi, y, slope, y_slope)
 
-    def _fit_models(self, bins: Bins) -> None:
-        """Fit all models and their error scales to bins, family by family, which limits the memory."""
+    def _fit_families(self, bins: Bins, families: Sequence[int]) -> Work[None]:
+        """Fit the running model and some families, with their error scales, to bins."""
+        yield
         base, root, self.residual = _fit_running(bins.evaluate_running(self.terms))
-        (rows, parameters), (count, width), P = base.phi.shape, self._lower.shape, root @ root.T
+        self._count = len(base.phi)
+        factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
+        self._recursion = RootRecursion(root, factors)
+        for family in families:
+            for part in self._split_family(family, self._count):
+                yield
+                yield from self._fit_variants(family, part, bins, base, root @ root.T)
+
+    def _split_family(self, family: int, rows: int) -> Iterator[slice]:
+        """Split the variants of a family into parts with a limited number of rows."""
+        count, size = self.models[family].stop - self.models[family].start, max(1, ONLINE.work.rows // rows)
+        return (slice(first, min(first + size, count)) for first in range(0, count, size))
+
+    def _fit_variants(self, family: int, part: slice, bins: Bins, base: ModelRows, P: Array) -> Work[None]:
+        """Fit variants of a family; `base` are the linearised rows of the running model, P its covariance."""
+        first = self.models[family].start
+        models = slice(first + part.start, first + part.stop)
+        (rows, parameters), width = base.phi.shape, self._lower.shape[1]
         # the prior of the running model as further rows; their y and effect columns are 0
         phi = np.concatenate([base.phi, np.eye(parameters) / np.sqrt(PRIOR)])
-        self.y_on_base, self.columns_on_base = np.zeros((count, parameters)), np.zeros((count, width, parameters))
-        self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
-        self.square, self.weight = np.zeros((2, count))
-        for family, models in enumerate(self.models):
-            family_rows = self._evaluate_effect_rows(family, bins, base)
-            residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
-            for _ in range(ONLINE.models.tangents if family_rows.slope.any() else 1):
-                columns, y = family_rows.linearise(delta, residual)
-                self.y_on_base[models] = y.T @ base.phi @ P
-                self.columns_on_base[models] = np.einsum("rvk,rp->vkp", columns, base.phi, optimize=True) @ P
-                error = -phi @ self.y_on_base[models].T
-                remaining = -np.einsum("rp,vkp->rvk", phi, self.columns_on_base[models], optimize=True)
-                error[:rows] += y
-                remaining[:rows] += columns
-                prior = 1.0 / PRIOR + RIDGE * (np.einsum("rvk,rvk->vk", columns, columns) + 1.0 / PRIOR)
-                self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining)
-                self.information[models] += prior[..., None] * np.eye(width)
-                self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
-                theta = self.compute_theta(models)
-                residual, _ = _predict(theta, base, family_rows)
-                delta = theta[:, parameters:]
-            square = np.maximum((residual**2).mean(axis=0), 1e-12)
-            for _ in range(MAX_ITERATIONS):
-                squares = residual**2 + self._compute_absorbed_noise(
-                    theta, bins.torque_noise[:, None], square, models
-                )  # (R, V)
-                square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
-            self.square[models] = square * rows / max(1, rows - parameters - width)
-        factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
-        self._count = rows
-        self._recursions = [SquareRootLeastSquares((1, 1), parameters, forgetting=factor) for factor in factors]
-        for recursion in self._recursions:
-            recursion.root = root[None, None]
+        family_rows = self._evaluate_effect_rows(family, part, bins, base)
+        residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
+        for _ in range(ONLINE.models.tangents if family_rows.slope.any() else 1):
+            yield
+            columns, y = family_rows.linearise(delta, residual)
+            self.y_on_base[models] = y.T @ base.phi @ P
+            self.columns_on_base[models] = np.einsum("rvk,rp->vkp", columns, base.phi, optimize=True) @ P
+            error = -phi @ self.y_on_base[models].T
+            remaining = -np.einsum("rp,vkp->rvk", phi, self.columns_on_base[models], optimize=True)
+            error[:rows] += y
+            remaining[:rows] += columns
+            prior = 1.0 / PRIOR + RIDGE * (np.einsum("rvk,rvk->vk", columns, columns) + 1.0 / PRIOR)
+            self.information[models] = np.einsum("rvk,rvl->vkl", remaining, remaining)
+            self.information[models] += prior[..., None] * np.eye(width)
+            self.moment[models] = np.einsum("rvk,rv->vk", remaining, error)
+            theta = self.compute_theta(models)
+            residual, _ = _predict(theta, base, family_rows)
+            delta = theta[:, parameters:]
+        yield
+        square = np.maximum((residual**2).mean(axis=0), 1e-12)
+        for _ in range(MAX_ITERATIONS):
+            noise = self._compute_absorbed_noise(theta, bins.torque_noise[:, None], square, models)  # (R, V)
+            square = np.maximum(weigh_squares(residual**2 + noise, square).mean(axis=0), 1e-12)
+        self.square[models] = square * rows / max(1, rows - parameters - width)
 
     def compute_theta(self, models: slice = slice(None)) -> Array:
         """Compute the parameters of the running model and of the effect for some models (V, P + K)."""
@@ -232,17 +268,21 @@ class CompetingModels:
             best.append((variant, of_variant))
         return best
 
-    def take(self, bins: Bins) -> tuple[Array, Array]:
+    def take(self, bins: Bins) -> Work[tuple[Array, Array]]:
         """Predict R bins in sequence, with an update after each.
 
         Returns:
             Log density of each bin under each family, and its squared error (R, F) each [(N m)^2].
         """
-        base = bins.evaluate_running(self.terms)
-        family_rows = [self._evaluate_effect_rows(family, bins, base) for family in range(len(self.families))]
+        base, family_rows, predictions = bins.evaluate_running(self.terms), [], []
+        for family in range(len(self.families)):
+            yield
+            family_rows.append(self._evaluate_effect_rows(family, slice(None), bins, base))
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
         of_bins = [map(ModelRows._make, zip(*series, strict=True)) for series in (base, rows)]
-        predictions = [self._predict_bin(*bin_) for bin_ in zip(*of_bins, bins.torque_noise, strict=True)]
+        for bin_ in zip(*of_bins, bins.torque_noise, strict=True):
+            yield
+            predictions.append(self._predict_bin(*bin_))
         densities, squares = zip(*predictions, strict=True)
         return np.array(densities), np.array(squares) * bins.scale[:, None] ** 2
 
@@ -270,11 +310,8 @@ class CompetingModels:
         residual, error_slope = _predict(theta, base, rows)
         columns, y = rows.linearise(theta[:, parameters:], residual)
         phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
-        roots = [recursion.root[0, 0] for recursion in self._recursions]
-        of_memory = np.where(self._forgets, np.cumsum(self._forgets), 0)  # number of the recursion of each model
-        pairs = zip(roots, self._recursions, strict=True)
-        gains = np.array([root @ (phi @ root) / own.forgetting for root, own in pairs])
-        gain = gains[of_memory]
+        of_memory = np.where(self._forgets, np.cumsum(self._forgets), 0)  # number of the memory of each model
+        gain = self._recursion.compute_direction(phi)[of_memory]
         variance = 1.0 + gain @ phi
         gain /= variance[:, None]
         error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
@@ -289,8 +326,7 @@ class CompetingModels:
         scale_memory = np.append(min(self._count, ONLINE.models.scale_memory), self._memories)[of_memory]
         step = weigh_squares(squares / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / scale_memory, 1e-12)
-        for recursion in self._recursions:
-            recursion.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
+        self._recursion.take(phi)
         self.y_on_base += error[:, None] * gain
         self.columns_on_base += remaining[..., None] * gain[:, None]
         weighted = remaining / variance[:, None]
@@ -311,7 +347,7 @@ class CompetingModels:
         self.weight = np.maximum(weight - best[self._family], self._min_weight)
         return mixed
 
-    def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> CompetingModels:
+    def refine(self, bins: Bins, fresh: Mapping[str, Sequence[Term]]) -> Work[CompetingModels]:
         """Return a copy with finer grids of continuous nonlinear parameters around the best variants.
 
         Families with unchanged variants keep their state; the others are fitted to `bins`, all bins so far. `fresh` has
@@ -320,19 +356,21 @@ class CompetingModels:
         grids = list(self.families[1 : self._n_named])
         for family, ((best,), _) in enumerate(self.select_best()[1:], 1):
             if not all(parameter.integer for parameter in best.nonlinear_parameters):
+                yield
                 grids[family - 1] = self._refine_grid(best, family, fresh[best.id])
-        new = CompetingModels(self.terms, bins, grids, self._memories)
-        new._recursions = self._recursions
-        for old_variants, old_models, new_variants, new_models in zip(
-            self.families, self.models, new.families, new.models, strict=True
-        ):
-            if old_variants == new_variants:
-                for name in ("y_on_base", "columns_on_base", "information", "moment", "square"):
+        yield
+        new = CompetingModels(self.terms, self._plant, grids, self._memories)
+        is_new = [old != variants for old, variants in zip(self.families, new.families, strict=True)]
+        yield from new._fit_families(bins, np.flatnonzero(is_new).tolist())
+        new._recursion, new._count = self._recursion, self._count
+        for family, (old_models, new_models) in enumerate(zip(self.models, new.models, strict=True)):
+            if not is_new[family]:
+                for name in ("y_on_base", "columns_on_base", "information", "moment", "square", "weight"):
                     getattr(new, name)[new_models] = getattr(self, name)[old_models]
-            weights = dict(zip(old_variants, self.weight[old_models].tolist(), strict=False))
-            new_weight = -np.log(max(1, len(new_variants)))  # new variants share the weight of the best
-            weight = [weights.get(variant, new_weight) for variant in new_variants]
-            new.weight[new_models] = weight or self.weight[old_models]
+                continue
+            weights = dict(zip(self.families[family], self.weight[old_models].tolist(), strict=True))
+            new_weight = -np.log(len(new.families[family]))  # new variants share the weight of the best
+            new.weight[new_models] = [weights.get(variant, new_weight) for variant in new.families[family]]
         return new
 
     def _refine_grid(self, best: Term, family: int, fresh: Sequence[Term]) -> tuple[Term, ...]:
@@ -414,7 +452,11 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))
     for k in range(ONLINE.models.tangents if depends_on_torque.any() else 1):
         phi, y = rows.linearise(theta, error) if k else (rows.phi * ~depends_on_torque, rows.y)
-        (theta,), (root,) = compute_history(Equations(phi, y), np.ones(len(y), dtype=bool), np.array([len(y) - 1]))[1:]
+        # |theta|^2 / PRIOR + |y - phi theta|^2 by QR; the triangle is the root of information, R'R = 1 / P
+        prior = np.eye(len(theta), len(theta) + 1) / np.sqrt(PRIOR)
+        triangle = np.asarray(np.linalg.qr(np.vstack([prior, np.column_stack([phi, y])]), mode="r"))
+        root: Array = np.linalg.inv(triangle[:-1, :-1])
+        theta = root @ triangle[:-1, -1]
         error, _ = rows.predict(theta)
     return rows._replace(phi=phi, y=y), root, error
 

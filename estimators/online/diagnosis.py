@@ -8,6 +8,9 @@ missing when the e-process passes its threshold (`evidence`), which follows from
 The running model with forgetting also competes. After an alarm with evidence of forgetting, all models
 are fitted again to the bins since the likely time of a change (`change`). If these models predict better than the
 former models, they replace them. Since that time, an effect is missing or parameters have changed.
+
+Bins wait, and a few parts of the computations follow each sample (`work`). Therefore, a diagnosis is up to a second of
+motion later than its last bin.
 """
 
 from collections import deque
@@ -27,6 +30,7 @@ from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
 from estimators.online.settings import ONLINE
 from estimators.online.stream import check_rate
+from estimators.online.work import Work
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
@@ -176,6 +180,7 @@ class Diagnoser:
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         arguments = terms, library, plant, blank, criterion, given
         self.each = tuple(EffectMonitor(*arguments) for _ in range(batch))
+        self._parts = ONLINE.work.per_bin * len(plant.joints) / plant.n_samples  # of work per sample
 
     @property
     def diagnoses(self) -> tuple[OnlineDiagnosis, ...]:
@@ -193,6 +198,14 @@ class Diagnoser:
         """Add a sample of every plant, as `OnlineEstimator.take`; return the diagnosis of each."""
         for plant, bin_ in self._binner.take(time, position, torque):
             self.each[plant].take(bin_)
+        for monitor in self.each:
+            monitor.advance(self._parts)
+        return self.diagnoses
+
+    def finish(self) -> tuple[OnlineDiagnosis, ...]:
+        """Complete the diagnoses of all samples so far, for example at the end of a recording; return them."""
+        for monitor in self.each:
+            monitor.finish()
         return self.diagnoses
 
 
@@ -228,6 +241,7 @@ class EffectMonitor:
     def reset(self) -> None:
         """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
+        self._waiting, self._credit = deque[Bin](), 0.0  # bins, and parts to compute
         self._begin_comparison()
         self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.fit_bins.n_most)
         if self._given is not None:
@@ -236,6 +250,7 @@ class EffectMonitor:
     def _begin_comparison(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
         self._comparison, self._change = self._make_comparison(bins), None
+        self._work: Work[None] | None = self._comparison.fit()
         self.diagnosis = replace(self._blank, terms=self.terms, added=self._added)
 
     def _make_comparison(
@@ -290,17 +305,48 @@ class EffectMonitor:
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, bin_: Bin) -> None:
-        """Add a bin of motion."""
+        """Add a bin of motion, which waits for `advance`."""
+        self._waiting.append(bin_)
+
+    def advance(self, parts: float) -> None:
+        """Compute parts of the work on waiting bins; a fraction of a part is kept for the next call."""
+        self._credit += parts
+        while self._credit >= 1.0:
+            self._credit -= 1.0
+            if not self._compute_part():
+                self._credit = 0.0
+
+    def finish(self) -> None:
+        """Complete the diagnosis of all bins so far."""
+        while self._compute_part():
+            pass
+
+    def _compute_part(self) -> bool:
+        """Compute a part of the work; return False if there is none."""
+        if self._work is None:
+            if not self._waiting:
+                return False
+            self._work = self._process_bin(self._waiting.popleft())
+        work = self._work
+        try:
+            next(work)
+        except StopIteration:
+            if self._work is work:  # and no comparison has begun
+                self._work = None
+        return True
+
+    def _process_bin(self, bin_: Bin) -> Work[None]:
+        """Pass a bin to the models; after a chunk, check the evidence."""
         self._recent.append(bin_)
-        has_chunk_ended = self._comparison.take(bin_)
+        has_chunk_ended = yield from self._comparison.take(bin_)
         if self._comparison.fit_bins.has_begun_to_move(bin_.joint):
             change = self._change
             self._begin_comparison(self._comparison.fit_bins.bins)
             self._change = change
         elif has_chunk_ended:
-            self._check_alarm()
+            yield from self._check_alarm()
 
-    def _check_alarm(self) -> None:
+    def _check_alarm(self) -> Work[None]:
         """Check the evidence after a chunk: replace the models after a change, and update the diagnosis.
 
         The diagnosis is updated once per second of motion, and immediately when the evidence reaches the threshold.
@@ -312,16 +358,16 @@ class EffectMonitor:
         limit = ONLINE.limits.change_evidence
         least = threshold + np.log(len(gains.e_process.log_wealth)) if is_known else limit
         if evidence >= threshold and change_evidence >= least:
-            if (change := self._locate_change()) is None:
+            if (change := (yield from self._locate_change())) is None:
                 return  # too early to compare a change
-            if self._accept_change(change):
-                self._update_diagnosis()
+            if (yield from self._accept_change(change)):
+                yield from self._update_diagnosis()
                 return
             gains.e_process.restart(-1)
         if gains.has_block_ended or (gains.e_process.log_mean_wealth >= threshold and not is_known):
-            self._update_diagnosis()
+            yield from self._update_diagnosis()
 
-    def _locate_change(self) -> int | None:
+    def _locate_change(self) -> Work[int | None]:
         """Find the bin among the recent ones after which other parameters fit best.
 
         Returns:
@@ -334,10 +380,11 @@ class EffectMonitor:
             return None
         last = len(recent) - needed
         first = min(max(n_calibration, len(recent) - n_since_rise - n_calibration), last)
-        row = find_change(*self._comparison.linearise_rows(recent), first, last + chunk)
+        rows = yield from self._comparison.linearise_rows(recent)
+        row = yield from find_change(*rows, first, last + chunk)
         return min(row, last) if row <= last or n_since_rise >= 2 * needed else None
 
-    def _accept_change(self, change: int) -> bool:
+    def _accept_change(self, change: int) -> Work[bool]:
         """Replace the models by those fitted since a change, if these predict the bins since then better."""
         recent = list(self._recent)
         former = self._comparison
@@ -345,12 +392,13 @@ class EffectMonitor:
         predicted = len(recent) - change - former.fit_bins.n_needed
         bins_since = recent[change + predicted % ONLINE.bins.chunk :]  # whole chunks
         for bin_ in bins_since:
-            comparison.take(bin_)
+            yield from comparison.take(bin_)
         chunks = len(comparison.gains.chunks)
         gain = comparison.gains.compute_best_density(chunks) - former.gains.compute_best_density(chunks)
         if gain < self._blank.threshold:
             return False
-        before = fit_rows(*former.linearise_rows(recent[:change]), self._chunk)
+        rows = yield from former.linearise_rows(recent[:change])
+        before = fit_rows(*rows, self._chunk)
         self._change = self._make_change(before, ONLINE.limits.report_time, recent[change].time)
         self._comparison = comparison
         self._recent = deque(bins_since, maxlen=self._recent.maxlen)
@@ -358,32 +406,38 @@ class EffectMonitor:
 
     # ------------------------------------------------------------------------------------------------------- diagnosis
 
-    def _update_diagnosis(self) -> None:
+    def _update_diagnosis(self) -> Work[None]:
         """Replace the diagnosis; effects are ranked after two chunks."""
+        yield
         comparison = self._comparison
         leaders = comparison.leaders
+        floor = yield from comparison.compute_floor(self._criterion.accuracy)
         verdict = replace(
             self._blank,
             terms=self.terms,
             theta=self._name_parameters(*leaders[0]),
             motion=comparison.n_predicted * self._plant.length,
             error=comparison.error,
-            floor=comparison.compute_floor(self._criterion.accuracy),
+            floor=floor,
             added=self._added,
             not_run={**self._blank.not_run, **comparison.not_run},
         )
-        self.diagnosis = verdict if len(comparison.gains.chunks) < 2 else self._rank_effects(verdict, leaders[1:])
+        if len(comparison.gains.chunks) >= 2:
+            verdict = yield from self._rank_effects(verdict, leaders[1:])
+        self.diagnosis = verdict
 
     def _rank_effects(
         self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]
-    ) -> OnlineDiagnosis:
+    ) -> Work[OnlineDiagnosis]:
         """Return a verdict with the ranking of effects, and with changes of parameters.
 
         While an effect is missing, no changes of parameters are reported.
         """
         comparison, change, criterion = self._comparison, self._change, self._criterion
         blocks, e_process = comparison.gains.blocks[:, :-1], comparison.gains.e_process
+        yield
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp))
+        yield
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
         ranking = []
@@ -391,6 +445,7 @@ class EffectMonitor:
         numbers_of_effects = probabilities, e_process.log_wealth[:-1].tolist(), errors
         effects = zip(leaders, blocks.T[1:], *numbers_of_effects, strict=True)
         for ((term,), theta), densities, probability, log_wealth, residual in effects:
+            yield
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
             ranking.append(RankingEntry(term.id, *numbers, residual, term, self._name_parameters((term,), theta)))
@@ -415,7 +470,8 @@ class EffectMonitor:
         group = [ranking[0].effect] if is_missing else []
         group += [entry.effect for entry in ranking if is_missing and entry.probability > criterion.tie_probability]
         if change is not None and not is_changing and change.is_due(len(comparison.fit_bins.bins)):
-            change.compare(*comparison.linearise_rows(comparison.fit_bins.bins), self._chunk)
+            rows = yield from comparison.linearise_rows(comparison.fit_bins.bins)
+            change.compare(*rows, self._chunk)
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
             verdict,

@@ -10,6 +10,7 @@ import numpy as np
 from estimators.online.binning import Bin, Bins, PlantBins
 from estimators.online.competitors import CompetingModels
 from estimators.online.settings import ONLINE
+from estimators.online.work import Work
 from pendulum_env._typing import Mask
 from pendulum_env.physics import Term
 
@@ -51,23 +52,27 @@ class FitBins:
         """Return whether the joint of an effect has not moved for long enough to be fitted."""
         return not any(self.is_tried[[name == effect.at for name in self._plant.joints]])
 
-    def stack(self, bins: Sequence[Bin]) -> Bins:
+    def stack(self, bins: Sequence[Bin]) -> Work[Bins]:
         """Stack several bins."""
-        return Bins.stack(bins, self._plant, self._scale)
+        parts, size = [], ONLINE.work.bins
+        for first in range(0, len(bins), size):
+            yield
+            parts.append(Bins.stack(bins[first : first + size], self._plant, self._scale))
+        return Bins.join(parts)
 
-    def fit_running(self, terms: Sequence[Term]) -> tuple[CompetingModels, Bins]:
+    def fit_running(self, terms: Sequence[Term]) -> Work[tuple[CompetingModels, Bins]]:
         """Fit the running model, and return it with the stacked bins; choose the joints at which effects are tried.
 
         With several joints, the error scale of each joint comes from a first fit.
         """
         self.is_tried = self._motion_time >= 0.5 * ONLINE.models.calibration
-        bins = self.stack(self.bins)
-        base = CompetingModels(terms, bins)
+        bins = yield from self.stack(self.bins)
+        base = yield from CompetingModels.fit(terms, bins)
         if len(self._plant.joints) == 1:
             return base, bins
         for joint in {bin_.joint for bin_ in self.bins}:
             residual = base.residual[bins.at == self._plant.joints[joint]]
             self._scale[joint] = np.sqrt(max(float(np.mean(residual**2)), 1e-12))
         self._scale /= self._scale.mean()
-        bins = self.stack(self.bins)
-        return CompetingModels(terms, bins), bins
+        bins = yield from self.stack(self.bins)
+        return (yield from CompetingModels.fit(terms, bins)), bins

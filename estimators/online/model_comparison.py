@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from estimators.online.evidence import ReferenceDistribution
 from estimators.online.fit_bins import FitBins
 from estimators.online.gains import Gains
 from estimators.online.settings import ONLINE
-from estimators.search_hints import is_possible, make_grid
+from estimators.online.work import Work
+from estimators.search_hints import is_possible, iterate_grid
 from estimators.signals.differentiation import estimate_scatter
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -44,7 +45,7 @@ class ModelComparison:
         *,
         block: float,
     ) -> None:
-        """Begin a comparison of terms with effects of a library; all models are fitted to the kept bins.
+        """Begin a comparison of terms with effects of a library and kept bins, before `fit`.
 
         The reference is the distribution of the gain of forgetting, if it is known. Gains are summed over a
         `block` [s].
@@ -57,11 +58,10 @@ class ModelComparison:
         self._squares: deque[Array] = deque(maxlen=plant.count_bins(ONLINE.models.error_time))
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = 0
-        self._fit_when_possible()
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
-    def take(self, bin_: Bin) -> bool:
+    def take(self, bin_: Bin) -> Work[bool]:
         """Add a bin of motion; return whether a chunk has ended with it.
 
         Bins are only kept until all models can be fitted. Later bins are predicted `ONLINE.bins.update` at a time. The
@@ -69,12 +69,13 @@ class ModelComparison:
         """
         self.fit_bins.take(bin_)
         if self._models is None:
-            self._fit_when_possible()
+            yield from self.fit()
             return False
         self._waiting_bins.append(bin_)
         if len(self._waiting_bins) < ONLINE.bins.update:
             return False
-        bin_densities, squares = self._models.take(self.fit_bins.stack(self._waiting_bins))
+        waiting = yield from self.fit_bins.stack(self._waiting_bins)
+        bin_densities, squares = yield from self._models.take(waiting)
         self._waiting_bins = []
         self._squares.extend(squares)
         self._chunk_density = chunk = self._chunk_density + bin_densities.sum(axis=0)
@@ -86,17 +87,20 @@ class ModelComparison:
         kept = self.fit_bins.bins
         if self.gains.has_block_ended and len(kept) == self.n_predicted + self._n_fitted:  # all bins are kept so far
             if round(len(kept) * self._plant.length) in ONLINE.models.refinements:
-                bins = self.fit_bins.stack(kept)
-                fresh = dict(self._list_variants(CompetingModels(self.terms, bins), bins))
-                self._models = self._models.refine(bins, fresh)
+                bins = yield from self.fit_bins.stack(kept)
+                base = yield from CompetingModels.fit(self.terms, bins)
+                fresh = yield from self._list_variants(base, bins)
+                self._models = yield from self._models.refine(bins, fresh)
         return True
 
     # ------------------------------------------------------------------------------------------------------ the models
 
-    def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
+    def linearise_rows(self, bins: Sequence[Bin]) -> Work[tuple[Array, Array]]:
         """Return rows over R bins, linearised at the fitted running model: phi (R, P) and y (R,)."""
         assert self._models is not None
-        rows, theta = self.fit_bins.stack(bins).evaluate_running(self.terms), self._models.y_on_base[0]
+        stacked = yield from self.fit_bins.stack(bins)
+        yield
+        rows, theta = stacked.evaluate_running(self.terms), self._models.y_on_base[0]
         return rows.linearise(theta, rows.predict(theta)[0])
 
     @property
@@ -114,7 +118,7 @@ class ModelComparison:
         """Return the scaled median error over the last seconds of motion, alone and with each effect (F,) [N m]."""
         return np.asarray(np.sqrt(np.median(self._squares, axis=0)[:-1]) / 0.6745)
 
-    def compute_floor(self, accuracy: float) -> float:
+    def compute_floor(self, accuracy: float) -> Work[float]:
         """Return the RMS error by noise and discretisation [N m]; NaN while it is unknown, and with links.
 
         Discretisation leaves the share `accuracy` of the torque. A command that changes in each sample looks like
@@ -124,19 +128,20 @@ class ModelComparison:
         columns, kept = [column for term in self.terms for column in term.columns], self.fit_bins.bins
         if self._models is None or len(self._plant.joints) > 1 or kept[0].phi.size:
             return float("nan")
-        x, theta = self.fit_bins.stack(kept[-ONLINE.bins.chunk :]).middle, self._models.y_on_base[0]
-        phi, y = self.linearise_rows(kept[-self._plant.count_bins(ONLINE.models.error_time) :])
+        last_chunk = yield from self.fit_bins.stack(kept[-ONLINE.bins.chunk :])
+        x, theta = last_chunk.middle, self._models.y_on_base[0]
+        phi, y = yield from self.linearise_rows(kept[-self._plant.count_bins(ONLINE.models.error_time) :])
         scatter = estimate_scatter(y - phi @ theta) / self._plant.scatter_gain
         inertia = sum(value * np.mean(column.mass(x)) for column, value in zip(columns, theta, strict=True))
         noises = np.minimum(kept[-1].torque_noise, scatter), inertia * kept[-1].acceleration_noise
         return float(np.minimum(np.linalg.norm([*noises, accuracy * np.std(y)]), self.error))
 
-    def _fit_when_possible(self) -> None:
+    def fit(self) -> Work[None]:
         """Fit all models to the kept bins if these suffice; the models predict from then on."""
         if not self.fit_bins.are_sufficient():
             return
-        base, bins = self.fit_bins.fit_running(self.terms)
-        variants = {id: grid for id, grid in self._list_variants(base, bins) if grid}
+        base, bins = yield from self.fit_bins.fit_running(self.terms)
+        variants = {id: grid for id, grid in (yield from self._list_variants(base, bins)).items() if grid}
         self.not_run = {
             id: Obstacle.JOINT_AT_REST if self.fit_bins.is_idle(kind) else Obstacle.NO_VARIANT
             for id, kind in self._library.items()
@@ -145,22 +150,32 @@ class ModelComparison:
         self._n_fitted, chunk_time = len(self.fit_bins.bins), ONLINE.bins.chunk * self._plant.length
         self.gains = Gains(len(variants) + 1, chunk_time, self._block, self._reference)
         memories = [seconds / self._plant.length for seconds in ONLINE.models.memories]
-        self._models = CompetingModels(self.terms, bins, [thin_variants(grid) for grid in variants.values()], memories)
+        grids = [thin_variants(grid) for grid in variants.values()]
+        self._models = yield from CompetingModels.fit(self.terms, bins, grids, memories)
 
-    def _list_variants(self, base: CompetingModels, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
-        """Yield each effect at a moving joint with its possible variants on a grid.
+    def _list_variants(self, base: CompetingModels, bins: Bins) -> Work[dict[str, list[Term]]]:
+        """List the possible variants of each effect at a moving joint on a grid.
 
         Variants with the fewest columns are kept. Parameters that follow one of the model take its value in `base`.
         """
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.compute_theta()[0].tolist(), strict=False))
+        listed = {}
         for id, effect in self._library.items():
             if self.fit_bins.is_idle(effect):
                 continue
             in_joint = bins.at == effect.at
             x, residual = bins.select_joint(effect.at).middle, (base.residual * bins.scale)[in_joint]
-            possible = [term for term in make_grid(effect, x, residual) if is_possible(term, x)]
-            fewest = min((len(term.columns) for term in possible), default=0)
-            variants = [term for term in possible if len(term.columns) == fewest]  # a batch needs equal numbers
+            yield
+            n_columns: dict[Term, int] = {}  # of possible variants
+            for number, term in enumerate(iterate_grid(effect, x, residual), 1):
+                if number % ONLINE.work.variants == 0:
+                    yield
+                if term not in n_columns and is_possible(term, x):
+                    n_columns[term] = len(term.columns)
+            fewest = min(n_columns.values(), default=0)
+            variants = [term for term, count in n_columns.items() if count == fewest]  # a batch needs equal numbers
             follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}
-            yield id, list(dict.fromkeys(replace(term, **follows) for term in variants) if follows else variants)
+            listed[id] = list(dict.fromkeys(replace(term, **follows) for term in variants) if follows else variants)
+        yield
+        return listed

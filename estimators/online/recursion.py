@@ -1,7 +1,7 @@
 """Recursive least squares, the paper's equation (6), for a batch of regressions: in square-root form or by filterpy."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -115,6 +115,42 @@ class SquareRootLeastSquares:
         # copies: returned arrays must not change
         self._theta, sums = now["theta"].copy().T, now["sums"].copy()
         self.error, self.squares, self.count, self.variance = sums.swapaxes(-1, -2)
+
+
+class RootRecursion:
+    """Roots S of the covariance P = S S' of one regression with M factors of forgetting.
+
+    The update is that of `SquareRootLeastSquares`, which also has parameters and is compiled.
+
+    Attributes:
+        root: current roots for unit noise (M, P, P).
+        forgetting: factors lambda (M,).
+    """
+
+    def __init__(self, root: Array, forgetting: Sequence[float]) -> None:
+        """Begin with the same root (P, P) for all factors."""
+        self.forgetting = np.array(forgetting)
+        self.root = np.tile(root, (len(self.forgetting), 1, 1))
+        self._share = len(root) * (1.0 - self.forgetting) / PRIOR  # see `_fade_information`
+        self._n_updates = 0
+
+    def compute_direction(self, phi: Array) -> Array:
+        """Compute P phi / lambda for a row phi (P,) of the next equation (M, P)."""
+        return np.asarray((self.root @ (phi @ self.root)[..., None])[..., 0] / self.forgetting[:, None])
+
+    def take(self, phi: Array) -> None:
+        """Update by an equation with the row phi (P,)."""
+        # f = S' phi;  variance = lambda + f' f
+        f, fade = phi @ self.root, self.forgetting
+        variance = fade + np.einsum("mp,mp->m", f, f)
+        # S = (S - S f f' / (variance + sqrt(lambda variance))) / sqrt(lambda)
+        step = f / (variance + np.sqrt(fade * variance))[:, None]
+        root = (self.root - (self.root @ f[..., None]) * step[:, None]) / np.sqrt(fade)[:, None, None]
+        # the information along one parameter in turn returns to that of the prior
+        f = np.sqrt(self._share)[:, None] * root[:, self._n_updates % len(phi)]
+        total = 1.0 + np.einsum("mp,mp->m", f, f)
+        self.root = root - (root @ f[..., None]) * (f / (total + np.sqrt(total))[:, None])[:, None]
+        self._n_updates += 1
 
 
 def expand_triangle(values: Array) -> Array:

@@ -32,6 +32,17 @@ class BinSettings:
 
 
 @dataclass(frozen=True)
+class WorkSettings:
+    """Parts of computations, see `estimators.online.work`; a part takes about as long as the prediction of a bin."""
+
+    per_bin: float = 10.0  # parts per bin of motion; predictions and ranking need about three
+    rows: int = 2000  # rows of variants in a part of a fit; a single variant may have more
+    bins: int = 100  # bins that are stacked in a part
+    variants: int = 4  # variants of a grid that are checked in a part
+    splits: int = 4  # fits of trial changes in a part
+
+
+@dataclass(frozen=True)
 class ModelSettings:
     """Fits and mixtures of competing models; chosen on simulated plants by `benchmarks.online_diagnosis`."""
 
@@ -110,6 +121,7 @@ class OnlineSettings:
 
     stream: StreamSettings = StreamSettings()
     bins: BinSettings = BinSettings()
+    work: WorkSettings = WorkSettings()
     models: ModelSettings = ModelSettings()
     evidence: EvidenceSettings = EvidenceSettings()
     covariance: CovarianceSettings = CovarianceSettings()

@@ -1,7 +1,7 @@
-"""Online diagnosis in a process of its own, so that a control loop never waits for the fits of models.
+"""Online diagnosis in a process of its own, so that a control loop does not compute any part of the models.
 
 A sample costs the loop one write to a pipe, and a new diagnosis one read. The diagnosis is that of `Diagnoser`, some
-samples later: fits take up to a second, in which samples wait in the pipe.
+samples later.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _undo(diagnoser: Diagnoser, plant: int) -> None:
 def _run(connection: Connection, other_end: Connection, diagnoser: Diagnoser) -> None:
     """Call the functions that arrive, until the connection is closed.
 
-    New diagnoses and results of calls are sent. A thread empties the pipe during a fit, so that `take` never waits.
+    New diagnoses and results of calls are sent. A thread empties the pipe, so that `take` never waits.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the loop, and this process with it
     other_end.close()  # a copy of it would keep the connection open after the loop

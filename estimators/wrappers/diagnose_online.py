@@ -31,6 +31,8 @@ class DiagnoseOnline(MeasurementWrapper):
     (`since`); the running model takes the new values. `add(effect)` adds an effect to the running model, and `undo()`
     removes the last one. Both restart the comparison. A reset restarts it, too, and removes all added effects.
 
+    Each step computes a few parts of the fits. An update therefore comes some steps after its second.
+
     Examples:
         >>> import gymnasium as gym
         >>> from estimators.wrappers import DiagnoseOnline

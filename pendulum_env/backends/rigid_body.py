@@ -24,6 +24,9 @@ from pendulum_env.physics.simulation import UNBOUNDED, TorqueBalance, move_half_
 from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.term import round_up
 
+# setters of pymunk's properties; an assignment takes twice the time, since `pymunk.Body` overrides `__setattr__`
+set_torque, set_angle = (getattr(pymunk.Body, name).fset for name in ("torque", "angle"))
+
 
 def make_body(balance: TorqueBalance, longest_step: float) -> Engine:
     """Make a pymunk engine for steps up to `longest_step` [s], or a NumPy engine if a law is not symbolic."""
@@ -46,7 +49,7 @@ class RigidBody:
         self.set_balance(balance)
 
     def set_balance(self, balance: TorqueBalance) -> None:
-        self._balance = balance
+        self._balance, self._has_states = balance, balance.has_states
         nonlinear = [getattr(balance.terms[place], name) for place, name in self._nonlinear]
         for half in (self._first, self._second):
             half.inputs["constants"][:, 0] = *balance.theta, *nonlinear
@@ -71,19 +74,21 @@ class RigidBody:
         first, second = self._first, self._second
         first.inputs["state"][:, 0] = self._time, q, v, torque, h
         first.step()
-        pendulum.torque, dry, inertia, motion_time, middle_velocity = first.states["step_torque"][:, 0].tolist()
+        torque_of_step, dry, inertia, motion_time, middle_velocity = first.states["step_torque"][:, 0].tolist()
+        set_torque(pendulum, torque_of_step)
         if inertia != self._inertia:
             pendulum.moment = self._inertia = inertia
         if dry != self._dry:
             self._motor.max_force = self._dry = dry
         self._space.step(h)
-        velocity = float(pendulum.angular_velocity)
+        velocity: float = pendulum.angular_velocity
         if not self.at_rest < abs(velocity) < UNBOUNDED:
             velocity = 0.0 if abs(velocity) <= self.at_rest else math.copysign(UNBOUNDED, velocity)
             pendulum.angular_velocity = velocity
         rest_of_step = h if motion_time == h else h - motion_time
-        pendulum.angle = self._position = q + 0.5 * (v * motion_time + velocity * rest_of_step)
-        if self._balance.has_states:
+        self._position = q + 0.5 * (v * motion_time + velocity * rest_of_step)
+        set_angle(pendulum, self._position)
+        if self._has_states:
             mean = 0.5 * (middle_velocity + velocity)
             second.inputs["state"][:, 0] = self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h
             second.inputs["memory"][:] = first.states["memory"]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +29,13 @@ class Sensor:
                 "counts a whole one"
             )
 
-    def position(self, position: ArrayLike) -> Array:
+    def position(self, position: Any) -> Any:
         """Return the measured angle [rad], rounded to counts."""
         if self.counts == 0:
             return np.asarray(position)
         count = 2 * math.pi / self.counts
+        if isinstance(position, float):  # a scalar function of NumPy takes longer
+            return count * round(position / count)
         rounded: Array = np.rint(position / count)
         return count * rounded
 

@@ -161,4 +161,5 @@ def clip_term(term: Term) -> Term:
     """Clip the nonlinear parameters of a term to their bounds, except nominal values."""
     values = term.nonlinear_values
     parameters = [p for p in term.nonlinear_parameters if values[p.name] != p.nominal]
-    return replace(term, **{p.name: float(np.clip(values[p.name], p.low, p.high)) for p in parameters})
+    clipped = {p.name: float(min(max(values[p.name], p.low), p.high)) for p in parameters}
+    return replace(term, **clipped) if any(clipped[name] != values[name] for name in clipped) else term

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 from estimators.online.binning import Bins, ModelRows, PlantBins
 from estimators.online.competitors import CompetingModels, solve_each_within_bounds
 from estimators.online.settings import ONLINE
+from estimators.online.work import complete
 from estimators.regression.recursive import PRIOR
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
@@ -42,10 +43,10 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     """Also if families go on with another grid, with all that they have learnt."""
     variants = [effect(id)(**shape) for shape in shapes]
     parts = [bins_of(120, 0), bins_of(40, 1), bins_of(40, 2)]
-    models = CompetingModels(BASE, parts[0], [variants])
+    models = complete(CompetingModels.fit(BASE, parts[0], [variants]))
     for part in parts[1:]:
-        densities, squares = models.take(part)
-        models = models.refine(part, {id: variants})
+        densities, squares = complete(models.take(part))
+        models = complete(models.refine(part, {id: variants}))
     for variant, theta in zip(variants, models.compute_theta(models.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
         rows = [part.evaluate_rows([*BASE, variant]) for part in parts]
@@ -59,9 +60,9 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
     variant = effect("cogging")(order=5.0)
     first, then = bins_of(80, 2), bins_of(1, 3)
-    models = CompetingModels(BASE, first, [[variant]])
+    models = complete(CompetingModels.fit(BASE, first, [[variant]]))
     square = float(models.square[1])
-    (densities,), _ = models.take(then)
+    (densities,), _ = complete(models.take(then))
     phi = first.evaluate_rows([*BASE, variant]).phi[:, 0]
     new = then.evaluate_rows([*BASE, variant])
     spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)
@@ -101,21 +102,23 @@ def bins_of_gear(first: int, last: int, output: float, share: float) -> Bins:
 @pytest.mark.parametrize("output", [0.0, 0.1])
 def test_friction_that_grows_with_the_torque_is_unbiased_by_noise_of_the_torque_and_within_its_bounds(output):
     terms, gear = BASE[1:], effect("load_dependent_friction")(weight=2.0)
-    models = CompetingModels(terms, bins_of_gear(0, 300, output, 1.0), [[gear]])
-    models.take(bins_of_gear(300, 3000, output, 1.0))
+    models = complete(CompetingModels.fit(terms, bins_of_gear(0, 300, output, 1.0), [[gear]]))
+    complete(models.take(bins_of_gear(300, 3000, output, 1.0)))
     gravity, viscous, coulomb, mu, of_output = models.compute_theta()[1]
     assert of_output >= 0.0
     np.testing.assert_allclose([gravity, viscous, coulomb, mu], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
     assert of_output == pytest.approx(output, abs=0.02)
-    added = CompetingModels((*terms, gear), bins_of_gear(0, 3000, output, 1.0))  # once it is in the running model
+    added = complete(
+        CompetingModels.fit((*terms, gear), bins_of_gear(0, 3000, output, 1.0))
+    )  # once it is in the running model
     np.testing.assert_allclose(added.y_on_base[0, :4], [2.0, 0.4, 0.5, 0.2], rtol=0.05)
 
 
 def test_torque_is_not_explained_by_itself():
     """Where the motor drives all motion, friction that grows with the torque only scales the other parameters."""
     terms, gear = BASE[1:], effect("load_dependent_friction")(weight=2.0)
-    models = CompetingModels(terms, bins_of_gear(0, 300, 0.0, 0.0), [[gear]])
-    densities, _ = models.take(bins_of_gear(300, 600, 0.0, 0.0))
+    models = complete(CompetingModels.fit(terms, bins_of_gear(0, 300, 0.0, 0.0), [[gear]]))
+    densities, _ = complete(models.take(bins_of_gear(300, 600, 0.0, 0.0)))
     assert abs(np.diff(densities.sum(axis=0))) < 3.0  # [nat]
 
 
@@ -126,8 +129,8 @@ def test_a_law_that_passes_next_to_nothing_of_the_torque_gains_nothing_by_that()
         series = part.series.copy()
         series[1:3], series[3] = 2.0, 3.0 + 0.05 * rng.normal(size=(len(part.y), 1))
         parts.append(replace(part, series=series, y=series[3, :, 0]))
-    models = CompetingModels(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]])
-    densities, _ = models.take(parts[1])
+    models = complete(CompetingModels.fit(BASE, parts[0], [[effect("torque_saturation")(limit=0.6, roundness=0.2)]]))
+    densities, _ = complete(models.take(parts[1]))
     assert densities[:, 1].sum() <= densities[:, 0].sum()
 
 
@@ -149,9 +152,9 @@ def test_equations_beyond_their_singularity_are_not_linearised():
 
 def test_models_with_forgetting_gain_after_a_change_of_parameters_and_lose_little_before():
     theta = np.array([0.1, 2.0, 0.4, 0.9])
-    models = CompetingModels(BASE, of_model(200, 0, theta), memories=[50.0])
-    before, _ = models.take(of_model(100, 1, theta))
-    after, _ = models.take(of_model(100, 2, theta * [1.0, 1.3, 1.0, 1.0]))
+    models = complete(CompetingModels.fit(BASE, of_model(200, 0, theta), memories=[50.0]))
+    before, _ = complete(models.take(of_model(100, 1, theta)))
+    after, _ = complete(models.take(of_model(100, 2, theta * [1.0, 1.3, 1.0, 1.0])))
     gains = [densities[:, 1].sum() - densities[:, 0].sum() for densities in (before, after)]
     assert abs(gains[0]) < 3.0 and gains[1] > 30.0  # [nat]
 
@@ -165,8 +168,8 @@ def test_models_with_forgetting_gain_nothing_where_the_law_passes_almost_none_of
         series = part.series.copy()
         series[3] = scale * (2.0 * series[2] + 3.0 * np.sign(series[2])) + 0.05 * rng.normal(size=(count, 1))
         parts.append(replace(part, series=series, y=series[3, :, 2:-1].mean(axis=1)))
-    models = CompetingModels((*BASE, saturation), parts[0], memories=[20.0])
-    densities, _ = models.take(parts[1])
+    models = complete(CompetingModels.fit((*BASE, saturation), parts[0], memories=[20.0]))
+    densities, _ = complete(models.take(parts[1]))
     assert (densities[:, 1].sum() > densities[:, 0].sum() + 1.0) == gains
 
 

@@ -334,10 +334,12 @@ def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     monitor = EffectMonitor(terms, library, plant, blank, Criterion())
     for one in bins_of_two_joints(1, 590):
         monitor.take(one)
+    monitor.finish()
     said = monitor.diagnosis
     assert said.kind == "nothing" and said.not_run["quadratic_drag@second"] is Obstacle.JOINT_AT_REST
     for one in bins_of_two_joints(590, 1390):
         monitor.take(one)
+    monitor.finish()
     said = monitor.diagnosis
     assert said.group == ("quadratic_drag@second",) and not said.not_run
     assert said.ranking[0].theta["quadratic_drag@second"] == pytest.approx(0.1, rel=0.05)
