@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from pendulum_env.errors import RecordingError
 from pendulum_env.reading import quote_value
@@ -38,6 +39,7 @@ def can_be_number(cell: str, header: str) -> bool:
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
 
 
+@lru_cache(maxsize=2)  # each joint of an arm reads its columns of the same file
 def find_layout(head: bytes) -> Layout:
     """Find the layout of a text from its first bytes, with a preamble above and units below the header."""
     if not head.strip():
