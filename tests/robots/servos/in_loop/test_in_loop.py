@@ -122,7 +122,7 @@ def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
 
 @pytest.mark.slow
 def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
-    rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}})
+    rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}}, **CONVENTIONS)
     added = add(MODEL, "friction_by_angle", rubs[:2], rubs[2:])
     assert added.objection is None and added.after.errors["holdout"].is_of_motion
     before, after = (step.errors["holdout"].motion for step in (added.before, added.after))
@@ -369,7 +369,7 @@ def test_every_command_uses_the_torque_with_the_integral():
 @pytest.mark.slow
 def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
     """A servo without torque beside a joint without a drive, and beside another shaft: together they are no loop."""
-    asked = [integrating(kp, k, "clamp", "before") for k, kp in enumerate((3.0, 5.0))]
+    asked = [integrating(kp, k, "clamp", "before", reads="exact") for k, kp in enumerate((3.0, 5.0))]
     driveless = replace(asked[1], drive=None, reference=None)
     other = replace(asked[1], drive=replace(asked[1].drive, encoder="output"))
     for mixed, names in (([asked[0], driveless], {("gain-3.0",)}), ([asked[0], other], {("gain-3.0",), ("gain-5.0",)})):
