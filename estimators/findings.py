@@ -23,6 +23,11 @@ class Verdict(StrEnum):
     REJECTED = "rejected"
     NOT_EXCITED = "not_excited"
 
+    @property
+    def is_accepted(self) -> bool:
+        """Return whether the effect, or one that cannot be told from it, is in the model."""
+        return self in (Verdict.SELECTED, Verdict.AMBIGUOUS)
+
 
 class Obstacle(StrEnum):
     """Reason why an effect is not followed online."""

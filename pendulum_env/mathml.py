@@ -62,4 +62,4 @@ def _format_token(token: re.Match[str]) -> str:
 
 
 def _add_dot(item: str, dot: str) -> str:
-    return f'<mover accent="true">{item}<mo>{dot}</mo></mover>' if dot else item
+    return f'<mover accent="false">{item}<mo>{dot}</mo></mover>' if dot else item

@@ -102,8 +102,3 @@ def make_stacked_layout(titles: Sequence[str]) -> JSON:
         domain = [1 - (k + 1) / count + gap * (k + 1 < count), 1 - k / count - gap * (k > 0)]
         layout[f"yaxis{k + 1 if k else ''}"] = make_axis(title, domain=domain)
     return layout
-
-
-def join_arrays(parts: Sequence[Array]) -> Array:
-    """Concatenate arrays with NaN after each."""
-    return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)

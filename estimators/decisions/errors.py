@@ -160,6 +160,16 @@ class Step:
         """Return the step with a model that has a log format."""
         return replace(self, model=replace(self.model, log_format=log_format))
 
+    def compute_noise_ratio(self, floors: Mapping[str, float]) -> float:
+        """Return the held-out error over the noise floor of a joint, the largest of all joints."""
+        errors = self.errors["holdout"]
+        return max(errors.get_joint_error(at) / max(floor, 1e-300) for at, floor in floors.items())
+
+    def mark_bias(self, floors: Mapping[str, float], misfit_ratio: float) -> Model:
+        """Return the model, its estimates marked as biased if a torque error is above `misfit_ratio` noise floors."""
+        is_misfit = self.compute_noise_ratio(floors) > misfit_ratio and not self.errors["holdout"].is_of_motion
+        return self.model.mark_biased() if is_misfit else self.model
+
     def __repr__(self) -> str:
         added = "base model" if self.added is None else f"with {self.added}"
         return f"<Step: {added}, held out {self.errors['holdout']!r}>"

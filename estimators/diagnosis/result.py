@@ -1,6 +1,6 @@
 """Results of a diagnosis, with the probability of each effect, and of an addition, with errors before and after it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
@@ -230,6 +230,11 @@ class Diagnosis(Summarised):
         """Ids of the selected effects, in the order of their addition."""
         return tuple(step.added for step in self.steps if step.added is not None)
 
+    def list_unconfirmed(self, effects: Sequence[str]) -> list[str]:
+        """List effects in a model that the search did not select; empty without a search."""
+        confirmed = {candidate.effect for candidate in self.candidates if candidate.verdict.is_accepted}
+        return [effect for effect in effects if self.candidates and effect not in confirmed]
+
     @property
     def effects(self) -> tuple[tuple[str, ...], ...]:
         """Return ids per selected effect: its id, then the ids of effects that the data cannot distinguish from it."""
@@ -300,8 +305,7 @@ class Addition(Summarised):
     @property
     def noise_ratio(self) -> float:
         """Held-out error over the noise floor, the largest of all joints."""
-        error = self.after.errors["holdout"]
-        return max(error.get_joint_error(at) / max(floor, 1e-300) for at, floor in self.floors.items())
+        return self.after.compute_noise_ratio(self.floors)
 
     @property
     def is_misfit(self) -> bool:

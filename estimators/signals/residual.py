@@ -26,7 +26,7 @@ class RegionSettings:
     rows: int = 8  # least number of rows of a bin
     lines: int = 399  # largest number of frequencies or orders of a spectrum
     turns: float = 2.0  # range of the angle above which it is wrapped to one turn [turns]
-    tone: float = 0.9  # significance from which one tone is preferred to the bins of a profile, relative to theirs
+    tone: float = 0.9  # significance from which one tone or a constant is preferred to bins, relative to theirs
     z_limit: float = 5.0  # least mean residual of a region [standard errors]
 
 
@@ -285,19 +285,32 @@ def find_regions(profiles: Sequence[Profile]) -> list[Region]:
     """Return the runs of all profiles of one residual, the most significant first; see `find_runs`.
 
     Amplitudes of a spectrum come after means, unless `find_strongest` returns the spectrum. Runs over all bins of an
-    axis are one region: a constant residual. It is also the only region if the mean of all rows is significant, but no
-    bin is.
+    axis are one region, a constant residual, if its mean is nearly as significant as the strongest profile; else the
+    residual depends on another quantity, and they come after the other means. A constant is also the only region if
+    the mean of all rows is significant, but no bin is.
     """
-    runs = [run for profile in profiles for run in find_runs(profile)]
-    whole = {p.axis: (p.edges[0], p.edges[-1]) for p in profiles if not p.is_spectrum}
-    regions = [run for run in runs if (run.low, run.high) != whole.get(run.axis)]
+    strongest, whole = find_strongest(profiles), {p.axis: (p.edges[0], p.edges[-1]) for p in profiles}
+    runs = [(run, (run.low, run.high) == whole[run.axis]) for profile in profiles for run in find_runs(profile)]
     time = next((profile for profile in profiles if profile.axis == "time"), None)
-    if time is not None and (len(regions) < len(runs) or not runs):
+    if time is not None and (not runs or any(is_whole for _, is_whole in runs)):
         constant = replace(_make_region(time, np.arange(len(time.mean))), unit="")
-        if constant.significance > REGIONS.z_limit and abs(constant.residual) > time.negligible:
-            regions.append(constant)
-    strongest = find_strongest(profiles).axis
-    return sorted(regions, key=lambda run: (run.axis in SPECTRA and run.axis != strongest, -run.significance))
+        is_alone = not runs or constant.significance**2 > REGIONS.tone * compute_significance(strongest)
+        if is_alone and constant.significance > REGIONS.z_limit and abs(constant.residual) > time.negligible:
+            runs = [(run, False) for run, is_whole in runs if not is_whole] + [(constant, False)]
+
+    def rank(item: tuple[Region, bool]) -> tuple[bool, bool, float]:
+        run, is_whole = item
+        is_other = run.axis != strongest.axis
+        return run.axis in SPECTRA and is_other, is_whole and is_other, -run.significance
+
+    return [run for run, _ in sorted(runs, key=rank)]
+
+
+def split_regions(profiles: Sequence[Profile]) -> tuple[list[Region], list[Region]]:
+    """Return the regions of profiles, and those of spectra, which show the means again if a mean is the strongest."""
+    regions, is_tone = find_regions(profiles), find_strongest(profiles).is_spectrum
+    means = [region for region in regions if is_tone or region.axis not in SPECTRA] or regions
+    return means, regions[len(means) :]
 
 
 def find_runs(profile: Profile) -> list[Region]:

@@ -126,6 +126,25 @@ def simulate_errors(segments: Segments, terms: Sequence[Term], theta: Array) -> 
     return simulate_all([segments], [Point(tuple(terms), theta)])[0][:, 0] - segments.position
 
 
+def sample_free_runs(
+    parts: Sequence[Segments], terms: Sequence[Term], theta: Array, count: int
+) -> tuple[Array, Array, Array]:
+    """Return time [s], simulated position [rad] and its error [rad] in about `count` samples of all segments.
+
+    NaN follows each segment. `parts`: segments of one recording.
+    """
+    count = max(10, count // sum(len(segments.first) for segments in parts))
+    series = list[list[Array]]([[], [], []])
+    for segments in parts:
+        rows = np.arange(0, len(segments.position), max(1, (len(segments.position) - 1) // count))
+        errors, recording = simulate_errors(segments, terms, theta)[rows], segments.windows.recording
+        time = recording.time[segments.first] + rows[:, None] / recording.rate
+        for own, values in zip(series, (time, segments.position[rows] + errors, errors), strict=True):
+            own += [np.append(run, np.nan) for run in values.T]
+    time, position, error = (np.concatenate(own) if own else np.empty(0) for own in series)
+    return time, position, error
+
+
 def simulate_all(
     segments: Sequence[Segments], models: Sequence[Point], perturbations: Array | None = None
 ) -> list[Array]:

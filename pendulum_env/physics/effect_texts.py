@@ -200,7 +200,7 @@ EFFECTS: dict[str, Description] = {
         title="a spring",
         symptom="a curve over the angle",
         signature=(
-            "The residual over the angle is a line. It rises further where gravity falls, and from turn to turn."
+            "The residual over the angle is a line. It goes on where gravity turns back, and over several turns."
         ),
         resembles=("gravity", "gravity_tilt", "hard_stop"),
         informative_experiment="swings beyond 60 degrees or several turns, to tell it from gravity",

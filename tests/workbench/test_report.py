@@ -10,7 +10,7 @@ from benchmarks.two_link import TwoLink
 from estimators import Comparison, compare, identify
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
-from estimators.data.matches import Match
+from estimators.data.matches import Match, choose_rivals
 from estimators.data.regions import compute_profiles_at
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import FailedGates, Gate
@@ -33,8 +33,9 @@ from workbench.narrator.findings import describe_reason
 from workbench.report import PENDULUM, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
+from workbench.report.evidence import make_candidates
 from workbench.report.failures import make_failures, plot_profile
-from workbench.report.matches import choose_rivals, make_rivals
+from workbench.report.matches import make_rivals
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
@@ -107,6 +108,12 @@ def test_the_report_tells_the_recordings_the_values_to_use_and_why_it_is_no_riva
         assert np.array_equal(*x)  # the curve is averaged in the bins of the dots
         left.append(np.std(dots - np.interp(x[0], x[1], curve)))
     assert left[0] < 0.5 * min(left[1:])  # the curve of the effect alone lies in the dots
+
+
+def test_an_effect_that_was_not_tried_is_not_told_as_rejected(diagnosis):
+    untried = Candidate("backlash", 0.0, Verdict.REJECTED, 1.0, FailedGates((Gate("excitation", 0.0, 1.0, False),)))
+    rows = make_candidates(ReportData(replace(diagnosis, candidates=(*diagnosis.candidates[:2], untried)))).content
+    assert [row.verdict for row in rows if hasattr(row, "verdict")] == ["selected", "rejected", "not tried"]
 
 
 def test_hostile_names_stay_text(diagnosis):

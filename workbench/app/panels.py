@@ -5,15 +5,14 @@ from dataclasses import replace
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.formatting import capitalise, format_number, join_words
+from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics import BASE
 from pendulum_env.physics.effect_texts import name_effect, name_effects, name_parameter
 from workbench.app.parts import make_aria, make_button, make_panel
 from workbench.app.session import Session
 from workbench.app.state import State
-from workbench.narrator.diagnosis import describe_errors, describe_result
+from workbench.narrator.diagnosis import describe_errors, describe_fall, describe_result, describe_unconfirmed
 from workbench.narrator.findings import describe, describe_timing
-from workbench.narrator.results import get_end_errors
 
 WHY = "No effect of the library does that, but several imitate it."
 LEAST = 0.1  # completed share from which the remaining time is estimated
@@ -28,12 +27,13 @@ def show_state(state: State) -> list[Component]:
 
 
 def show_undo(session: Session) -> list[Component]:
-    """Render the undo button; empty without recordings and changes."""
-    change = session.last_change
-    if not (change or session.state.loaded):
+    """Render the buttons for undo and redo; empty without recordings and changes."""
+    change, is_busy = session.last_change, session.is_busy()
+    if not (change or session.undone or session.state.loaded):
         return []
-    back = make_button(f"Undo: {change}" if change else "Undo", "back", disabled=session.is_busy() or not change)
-    return [html.Div(back, className="row")]
+    back = make_button(f"Undo: {change}" if change else "Undo", "back", disabled=is_busy or not change)
+    again = [make_button(f"Redo: {change}", "again", disabled=is_busy) for change, _ in session.undone[-1:]]
+    return [html.Div([back, *again], className="row")]
 
 
 def describe_state(state: State) -> tuple[str, str, str]:
@@ -52,20 +52,18 @@ def describe_state(state: State) -> tuple[str, str, str]:
         title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
         return kicker, title, f"{capitalise(state.failure_reason)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
-    lead = f"{capitalise(describe_errors(replace(state.result, steps=state.steps)))}."
+    result, drawn = state.result, replace(state.result, steps=state.steps)
+    lead = f"{capitalise(describe_errors(drawn))}."
+    unconfirmed = describe_unconfirmed(result, state.added)
     if state.suggested_additions:
-        names_found = name_effects(state.suggested_additions)
-        lead += f" With {names_found}: {describe_errors(state.result)}."
-    if state.suggested_additions or not state.added:
-        return kicker, describe_result(state.result), lead
-    (first, last), names = get_end_errors(state.steps), name_effects(state.added)
-    smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
-    error = f"torque error of {joint}" if joint else "torque error"
-    return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
+        names = f"{name_effects(state.suggested_additions)}{' instead' * bool(unconfirmed)}"
+        lead += f" With {names}: {describe_errors(result)}."
+    is_open = state.suggested_additions or not state.added
+    return kicker, f"{describe_result(result) if is_open else describe_fall(drawn)}{unconfirmed}", lead
 
 
 def show_job(session: Session) -> list[Component]:
-    """Render the running job, its duration, and a button to cancel it."""
+    """Render the running job and its duration."""
     job = session.job
     if job is None or not job.running:
         return []
@@ -79,7 +77,7 @@ def show_job(session: Session) -> list[Component]:
     shares = [html.Progress(value=f"{1 - (errors[id] / largest) ** 2:.3f}", max="1") for id in ranking]
     rows = [html.Li([capitalise(name_effect(id)), share]) for id, share in zip(ranking, shares, strict=True)]
     so_far = [html.P("These explain most of the residual so far:", className="note"), html.Ol(rows)] if rows else []
-    return [html.Div([text, bar, *so_far], className="running-text"), make_button("Cancel", "cancel")]
+    return [html.Div([text, bar, *so_far], className="running-text")]
 
 
 def show_findings(state: State) -> Component:

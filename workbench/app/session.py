@@ -38,7 +38,8 @@ class Session:
         self.folder, self.workers = folder, workers or Workers()
         self.lock = RLock()
         self.state = State()
-        self._past: list[tuple[str, State]] = []  # changes, each with the state before
+        self.past: list[tuple[str, State]] = []  # changes, each with the state before
+        self.undone: list[tuple[str, State]] = []  # undone changes, each with the state after
         self.cards: tuple[ColumnCard, ...] = ()  # files that need a column assignment; the page shows the first
         self.notice = ""  # error message on the page
         self.version = time.time_ns() // 1_000_000  # grows with each change; unique among sessions
@@ -61,19 +62,21 @@ class Session:
 
     def change(self, description: str, state: State) -> None:
         """Replace the state; `description`: description of the change for the undo button."""
-        self._past = [*self._past[1 - MAX_UNDO :], (description, self.state)]
+        self.past, self.undone = [*self.past[1 - MAX_UNDO :], (description, self.state)], []
         self.state = state
 
     @property
     def last_change(self) -> str:
         """Return the description of the change that `undo` reverts; empty without one."""
-        return self._past[-1][0] if self._past else ""
+        return self.past[-1][0] if self.past else ""
 
-    def undo(self) -> None:
-        """Revert the last change; raises InputError without one."""
-        if not self._past:
-            raise InputError("there is nothing to undo")
-        _, self.state = self._past.pop()
+    def undo(self, is_redo: bool = False) -> None:
+        """Revert the last change, or the last undo; raises InputError without one."""
+        source, target = (self.undone, self.past) if is_redo else (self.past, self.undone)
+        if not source:
+            raise InputError(f"there is nothing to {'redo' if is_redo else 'undo'}")
+        target.append((source[-1][0], self.state))
+        _, self.state = source.pop()
         loaded_ids = {item.id for item in self.state.loaded}
         self.cards = tuple(card for card in self.cards if not card.loaded_id or card.loaded_id in loaded_ids)
 

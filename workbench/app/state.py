@@ -281,14 +281,14 @@ class State:
 
     @cached_property
     def result(self) -> Diagnosis:
-        """Return the result for the report: the diagnosis if it contains all added effects, else the added steps.
+        """Return the result for the report: the diagnosis until all its effects are added, then the added steps.
 
         For an arm, return the diagnosis if one was made.
         """
         diagnosis = self.diagnosis
         if diagnosis is not None and not self.body.can_simulate:
             return diagnosis
-        if diagnosis is not None and set(self.added) < set(self.suggested_effects):
+        if diagnosis is not None and self.suggested_additions:
             return replace(diagnosis, steps=self.suggested_steps)
         data = self.data
         if data.terms and self.added:
@@ -300,7 +300,7 @@ class State:
         regions = tuple(find_failures(fitted, residual, data.criterion))
         if diagnosis is not None:
             return replace(diagnosis, steps=self.steps, unexplained=regions)
-        return Diagnosis(self.steps, (), (), regions, fitted.floors, self.doubts, data=data)
+        return Diagnosis(self.steps, (), (), regions, data.parts[1].floors, self.doubts, data=data)
 
     @cached_property
     def report_data(self) -> ReportData:

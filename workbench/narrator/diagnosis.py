@@ -57,9 +57,8 @@ def _describe_stretch(region: Region) -> str:
         unit_at_peak = region.unit.replace("periods", "period") if peak == 1 else region.unit
         place = f"Around {peak:.3g} {unit_at_peak} the residual oscillates by {size} {error}"
         is_broad = region.high > BROAD * region.low
-        return (
-            f"{place}, the peak of {measure_range(region.low, region.high, region.unit)}." if is_broad else f"{place}."
-        )
+        among = measure_range(region.low, region.high, region.unit)
+        return f"{place}, the largest amplitude from {among}." if is_broad else f"{place}."
     place = f"For {SYMBOLS[region.axis]} from {measure_range(region.low, region.high, region.unit)}"
     place = "Everywhere" if region.is_constant else place
     side = "more" if region.residual > 0 else "less"
@@ -116,7 +115,8 @@ def describe_result(diagnosis: Diagnosis) -> str:
     joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
     place = f" at {joints}" if joints else ""
     groups = [cause for finding in diagnosis.findings if (cause := describe_cause(finding))]
-    groups += [name_effects(group, "or") for group in diagnosis.effects]
+    unconfirmed = diagnosis.list_unconfirmed(diagnosis.selected)
+    groups += [name_effects(group, "or") for group in diagnosis.effects if group[0] not in unconfirmed]
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
         before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))
         last, floors = diagnosis.steps[-1].errors["holdout"], diagnosis.floors
@@ -128,6 +128,8 @@ def describe_result(diagnosis: Diagnosis) -> str:
             return f"The servo as described does not reproduce the log{_name_worst_joint(diagnosis)}{part}"
     if withhold_everything(diagnosis.findings) or diagnosis.model.is_undetermined:
         return "These recordings do not determine the parameters"
+    if groups and not has_searched(diagnosis):
+        return describe_fall(diagnosis)
     contacts = [finding for finding in diagnosis.findings if isinstance(finding, Contact)]
     places = [f"{f' by {contact.joint}' * bool(contact.joint)} at {measure(contact.angle)}" for contact in contacts]
     met = [f"a stop or a blow was met{where_met}" for where_met in places]
@@ -144,6 +146,21 @@ def describe_result(diagnosis: Diagnosis) -> str:
     if has_searched(diagnosis):
         return f"Something is missing{place}{_name_worst_joint(diagnosis)}, and no known effect explains it"
     return f"Something is missing{place or ' in this model'}"
+
+
+def describe_unconfirmed(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
+    """State which effects in a model a search did not select, as the end of a headline; empty without any."""
+    names = diagnosis.list_unconfirmed(effects)
+    return f"; the diagnosis does not confirm {name_effects(names)}, added by hand" if names else ""
+
+
+def describe_fall(diagnosis: Diagnosis) -> str:
+    """State in a phrase how the added effects change the held-out error, at the joint with the largest fall."""
+    first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
+    ratio, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in diagnosis.floors)
+    smaller, at = measure(Quantity(max(ratio, 1.0)), 2), f" of {joint}" if joint else ""
+    change = "not smaller" if smaller == "1" else f"{smaller} times smaller"
+    return f"With {name_effects(diagnosis.selected)} the torque error{at} is {change}"
 
 
 def _name_worst_joint(diagnosis: Diagnosis) -> str:
@@ -213,7 +230,7 @@ def describe_detectable(detectable: Detectable) -> str:
     if not detectable.is_excited:
         return "not excited"
     if detectable.between is not None:
-        return f"from {measure_range(*detectable.between, detectable.unit)}"
+        return f"anywhere from {measure_range(*detectable.between, detectable.unit)}"
     unit = "" if detectable.unit == "1" else detectable.unit
     return f"above {measure(Quantity(detectable.above or 0.0, unit=unit), 2, is_parameter=True)}"
 

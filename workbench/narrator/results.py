@@ -30,10 +30,8 @@ NEXT = "What to do next"
 REMARKS = 2  # largest number of remarks in a summary
 RUNNERS_UP = 5  # largest number of rejected candidates in a table
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
-SCORE = (
-    "score: probability that the effect is missing; nat: natural logarithm of the likelihood ratio on data that the "
-    "effect was not fitted to"
-)
+NAT = "nat: natural logarithm of the likelihood ratio on data that the effect was not fitted to"
+SCORE = f"score: probability that the effect is missing; {NAT}"
 LEGEND = (
     "noise floor: torque error caused by sensor noise alone; fit: 100 % less the error relative to the deviation of "
     "the measurement from its mean; held out: not fitted"

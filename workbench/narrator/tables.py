@@ -52,7 +52,8 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
             train, holdout = (step.errors[part].get_error(kind) for part in ("train", "holdout"))
             ratio = format_quantity(holdout / max(base.get_error(kind), 1e-300), 3)
             row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
-    return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
+    bar = f"ratio of {ERRORS[next(iter(base.kinds))]}"
+    return TextTable([*headers, bar], [[*row, draw_bar(float(row[3]))] for row in rows], left=(bar,))
 
 
 def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) -> TextTable:
@@ -71,7 +72,7 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
 
 def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int) -> tuple[TextTable, str]:
     """Tabulate selected, ambiguous and at most `max_rows` rejected candidates; also return a text on the others."""
-    accepted = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
+    accepted = [c for c in candidates if c.verdict.is_accepted]
     rejected = [c for c in candidates if c not in accepted]
     shown_candidates, hidden = rejected[:max_rows], rejected[max_rows:]
     rows = [

@@ -9,10 +9,9 @@ import numpy as np
 
 from estimators.data.preparation import find_preparation
 from estimators.signals.residual import AXES, makes_whole_turns, wrap_angles
-from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
+from estimators.simulation.free_running import HORIZON, Segments, sample_free_runs
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.formatting import TextTable, capitalise, format_number, typeset
-from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.units import to_shown_unit
 from workbench import figure as plots
@@ -107,8 +106,8 @@ def make_comparison(case: ReportData) -> Section:
     figures = [Part(course.title, [plot_course(case, course, f"course-{k}")]) for k, course in enumerate(order)]
     how = "Choose a sentence or a shaded stretch: its fitted samples are shaded here, with the worst 3 s in sight."
     about = (
-        "Torque of a model and residual are averages over short windows clear of stick; gaps are where the joint stuck "
-        "or turned."
+        "Torque of a model and residual are averages over short windows in which the joint moves in one direction; "
+        "gaps are rests and reversals."
     )
     if case.diagnosis.model.mechanism.can_simulate:
         about += (
@@ -146,7 +145,8 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
         draw(x, measured - error, 1, model, torque)
         draw(x, error, 2, model, torque, size=SIGMAS, customdata=plots.round_numbers(error / floor))
         if course.segments:
-            x, position, error = simulate_course(course.segments[k], case.ends[k].model)
+            last = case.ends[k].model
+            x, position, error = sample_free_runs(course.segments[k], last.terms, last.theta, plots.POINTS // 2)
             draw(x, factor * position, 0, model, angle)
             draw(x, factor * error, 3, model, angle)
     titles = [f"{name} [{unit}]" for name, unit in zip(ROWS, (angle, torque, torque, angle), strict=True)]
@@ -173,21 +173,6 @@ def describe_course(case: ReportData, course: Course) -> JSON:
         "axes": {axis: plots.round_numbers(values[course.is_fitted]) for axis, values in shown.items()},
         "residuals": [plots.round_numbers(residual[course.is_fitted]) for residual in course.residuals],
     }
-
-
-def simulate_course(segments: Sequence[Segments], model: Model) -> tuple[Array, Array, Array]:
-    """Simulate segments of one recording; return time [s], position and error [rad], with NaN after each segment."""
-    points = max(10, plots.POINTS // 2 // sum(len(segment.first) for segment in segments))
-    series = list[list[Array]]([[], [], []])
-    for segment in segments:
-        at = np.arange(0, len(segment.position), max(1, (len(segment.position) - 1) // points))
-        recording = segment.windows.recording
-        errors = simulate_errors(segment, model.terms, model.theta)[at]
-        times = recording.time[segment.first] + at[:, None] / recording.rate
-        for parts, values in zip(series, (times, segment.position[at] + errors, errors), strict=True):
-            parts += list(values.T)
-    time, position, error = map(plots.join_arrays, series)
-    return time, position, error
 
 
 def make_loop(case: ReportData, headline: str) -> Section:

@@ -12,12 +12,11 @@ from pendulum_env.physics.effect_texts import find_description, name_effect, nam
 from workbench.figure import Figure, measure_reach
 from workbench.narrator.findings import describe_reason
 from workbench.narrator.parts import Content, Evidence, Legend, Part
-from workbench.narrator.results import GATE_HEADERS, narrate_detectable
+from workbench.narrator.results import GATE_HEADERS, NAT, narrate_detectable
 from workbench.report.data import ReportData, Section
 from workbench.report.failures import plot_profile
 
 FIRST = 5  # number of effects above the fold
-ACCEPTED = (Verdict.SELECTED, Verdict.AMBIGUOUS)
 # By a symptom's word
 OWN_AXES = {"angle": "position", "speed": "velocity", "standstill": "velocity", "torque": "torque"}
 CURVES = (("without it", "--base"), ("with it", "--final"))
@@ -27,10 +26,11 @@ def make_candidates(case: ReportData) -> Section | None:
     """Make the section with a row of evidence for every effect, accepted effects first; None without any."""
     if not case.diagnosis.candidates:
         return None
-    candidates = sorted(case.diagnosis.candidates, key=lambda candidate: candidate.verdict not in ACCEPTED)
+    candidates = sorted(case.diagnosis.candidates, key=lambda candidate: not candidate.verdict.is_accepted)
     rows: list[Evidence | Part] = [make_evidence(case, k, candidate) for k, candidate in enumerate(candidates)]
     others = [Part(f"Other effects, {len(rows) - FIRST} of {len(rows)}", rows[FIRST:], brief=False)]
-    about = "A row opens to the evidence.", "The bar is the part of the held-out torque error that the effect removes."
+    bar = "The bar is the part of the held-out torque error that the effect removes beside the selected effects."
+    about = "A row opens to the evidence.", bar, f"{NAT}."
     content: Content = [*about, *rows[:FIRST], *others[: len(rows[FIRST:])], *narrate_detectable(case.diagnosis)]
     return Section("candidates", "Candidates", "What was considered", content)
 
@@ -45,7 +45,8 @@ def make_evidence(case: ReportData, number: int, candidate: Candidate) -> Eviden
         *([TextTable(GATE_HEADERS, gates, left=("gate", "result"))] if gates else []),
     ]
     fall = min(1.0, max(0.0, 1.0 - candidate.error_ratio)) if candidate.terms else 0.0
-    return Evidence(name_effect(candidate.effect), fall, candidate.verdict, brief, content)
+    verdict = candidate.verdict if candidate.terms or candidate.verdict is not Verdict.REJECTED else "not tried"
+    return Evidence(name_effect(candidate.effect), fall, verdict, brief, content)
 
 
 def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Sequence[Legend | Figure]:

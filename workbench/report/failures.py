@@ -17,6 +17,7 @@ from estimators.signals.residual import (
     find_regions,
     find_runs,
     remove_strongest,
+    split_regions,
 )
 from estimators.weak_form.resolution import RESOLUTION
 from pendulum_env._typing import JSON, Array
@@ -37,7 +38,7 @@ TITLES = {  # name and symbol of an axis
 }
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
-FIRST, LISTED = 3, 12  # number of regions above the fold, and above the fold of smaller ones
+FIRST = 3  # number of regions above the fold
 HALF = 0.5  # share of the residual from which a dependence on one quantity explains it
 
 DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
@@ -84,13 +85,16 @@ def list_regions(
 
     A further fold has the regions of the residual (R,) without its strongest profile.
     """
-    texts = [Place(describe_region(r), locate_region(r, joint, number)) for r in find_regions(profiles)]
+    texts, spectral = (
+        [Place(describe_region(r), locate_region(r, joint, number)) for r in own] for own in split_regions(profiles)
+    )
     yield f"Under the {label}{':' if texts else ', the residual is within the noise.'}"
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
         title = f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}"
-        small = Part(f"Smaller ones, {len(texts) - LISTED}", [tuple(texts[LISTED:])], brief=False)
-        yield Part(title, [tuple(texts[FIRST:LISTED]), *[small] * (len(texts) > LISTED)], brief=False)
+        yield Part(title, [tuple(texts[FIRST:])], brief=False)
+    if spectral:
+        yield Part(f"The same residual as oscillations, {len(spectral)}", [tuple(spectral)], brief=False)
     if texts:
         rows = data.locate_rows(joint)
         top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
@@ -98,10 +102,10 @@ def list_regions(
         remaining = residual.copy()
         remaining[rows] = rest
         axes = [profile.axis for profile in profiles]
-        left = [describe_region(region) for region in find_regions(compute_profiles_at(data, remaining, joint, axes))]
+        left = [describe_region(r) for r in split_regions(compute_profiles_at(data, remaining, joint, axes))[0]]
         name = "strongest oscillation" if top.is_spectrum else f"dependence on {top.units.name(TITLES[top.axis][0])}"
         title = f"What remains under the {label} without its {name}"
-        explained = f"The {name} explains {format_percent(share)} of the mean square of the residual."
+        explained = f"The {name} explains {format_percent(share)} of the residual's mean square, without a refit."
         if share < HALF:
             yield f"{explained} No single quantity explains most of it."
         yield Part(title, [explained, tuple(left) or "The rest is within the noise."], brief=False)
@@ -144,7 +148,8 @@ def plot_profile(
         mode = "lines" if first.is_spectrum or has_dots else "lines+markers"
         mode = "markers" if label == DOTS else mode
         marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3, "color": color}
-        data.append(make_line(factor * profile.middle, profile.mean, label, color, unit, mode=mode, marker=marker))
+        readout = f"{unit} at %{{x:.3g}} {to_shown_unit(1.0, first.unit)[1]}"
+        data.append(make_line(factor * profile.middle, profile.mean, label, color, readout, mode=mode, marker=marker))
     runs = [find_runs(profile) if not has_dots else [] for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.data.matches import Match, find_matches
+from estimators.data.matches import Match, choose_rivals, find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.data.regression_data import RegressionData
 from estimators.signals.residual import average_alike
 from pendulum_env._typing import Array
 from pendulum_env.formatting import capitalise, format_percent
-from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect, name_effects
+from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects
 from workbench.figure import Figure, measure_reach
 from workbench.narrator.parts import Part
 from workbench.report.data import ReportData, Section
@@ -44,20 +44,14 @@ def plot_matches(
 
 def name_match(match: Match) -> str:
     """Return the name of an effect, without its joint, and the share that it explains."""
-    return f"{capitalise(name_effect(match.effect.partition('@')[0]))}: {format_percent(round(match.share, 3))}"
+    return (
+        f"{capitalise(name_effect(match.effect.partition('@')[0]))}: {format_percent(round(max(match.share, 0.0), 3))}"
+    )
 
 
 def describe_match(match: Match) -> str:
     """State the number of parameters of an effect, and its sign in the residual."""
     return f"{match.size} parameter{'s' * (match.size > 1)}. {find_description(match.effect).signature}"
-
-
-def choose_rivals(matches: Sequence[Match], effect: str) -> list[Match]:
-    """Choose an effect from its matches, then the rival that explains most, then the law most like it or the next."""
-    own, (best, *others) = ([m for m in matches if (m.effect == effect) == is_own] for is_own in (True, False))
-    alike = find_look_alikes(effect.partition("@")[0])
-    others.sort(key=lambda match: [*alike, id := match.effect.partition("@")[0]].index(id))
-    return [*own, best, *others[:1]]
 
 
 def make_rivals(case: ReportData) -> Section | None:
@@ -67,10 +61,12 @@ def make_rivals(case: ReportData) -> Section | None:
     none.
     """
     selected, fitted, parts = case.diagnosis.selected, case.data.parts[0], list[Part]()
+    steps = zip(case.diagnosis.steps, selected, strict=False)
     if not fitted.layout.predicts_torque:
         return None
     reasons = {tried.effect: describe_briefly(tried) for tried in case.diagnosis.candidates if tried.terms}
-    for k, (before, effect) in enumerate(zip(case.diagnosis.steps, selected, strict=False)):
+    pairs = [pair for pair in steps if not case.diagnosis.list_unconfirmed(pair[1:])]
+    for k, (before, effect) in enumerate(pairs):
         data, at = fitted.with_link_states(before.model), effect.partition("@")[2]
         residual = data.residual(before.model.terms, before.model.theta)
         matches = find_matches(data, before.model, {*selected} - {effect}, at)
@@ -82,15 +78,17 @@ def make_rivals(case: ReportData) -> Section | None:
             figures.append(replace(figure, caption=name_match(match)))
             texts.append(f"{capitalise(name_effect(match.effect))}: {describe_match(match)}")
             if match.effect != effect:
-                share = format_percent(round(match.share, 3))
+                share = format_percent(round(max(match.share, 0.0), 3))
                 texts[-1] += f" In the place of {name_effect(effect)} it explains {share} of the residual."
                 texts[-1] += f" {capitalise(reasons[match.effect])}." if match.effect in reasons else ""
-        parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts)]))
+        every = Part("Every effect in its place", [tuple(map(name_match, matches))], brief=False)
+        parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts), every]))
     about = (
         "Dots: the residual without the effect. Curves: the effect, the rival that explains most in its place, and the "
-        "law most like it. Each is fitted to the same data and explains a part of the mean square of the residual."
+        "law most like it. Each is fitted to the same data with all parameters, and explains a part of the mean square "
+        "of the residual."
     )
-    title = f"Why {name_effects(selected)}"
+    title = f"Why {name_effects([effect for _, effect in pairs])}"
     if len(parts) < 2:
         return Section("why", "Why", title, [about, *parts[0].content]) if parts else None
     further = [Part("Further effects", parts[EXPLAINED:], brief=False)] if parts[EXPLAINED:] else []

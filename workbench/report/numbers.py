@@ -36,7 +36,7 @@ def make_errors(case: ReportData) -> Section:
         factor, angle = case.angle
         plots.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))
     figures = tuple(plots) if len(steps) > 1 else "No effect was added, so there is one step only."
-    return Section("errors", "Errors", "How the error falls", [figures, *narrate_errors(diagnosis)])
+    return Section("errors", "Errors", "The error after every step", [figures, *narrate_errors(diagnosis)])
 
 
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
@@ -64,12 +64,13 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
 
 def make_parameters(case: ReportData) -> Section:
     """Make the section on the parameters of the model at every step, and on combined parameters."""
-    steps = case.diagnosis.steps
+    steps, misfit_ratio = case.diagnosis.steps, case.data.criterion.misfit_ratio
+    models = [step.mark_bias(case.diagnosis.floors, misfit_ratio) for step in steps]
     labels = [case.first if step.added is None else f"+ {name_effect(step.added)}" for step in steps]
     final = steps[-1].model
     content: list[Any] = [
-        "Value ± standard error after every step.",
-        tabulate_parameters(*(step.model for step in steps), headers=labels),
+        "Value ± standard error after every step; biased where the residual is more than noise.",
+        tabulate_parameters(*models, headers=labels),
     ]
     if final.mechanism.combinations:
         combined = tuple(f"{name} stands for {text}" for name, text in final.mechanism.combinations.items())
@@ -108,7 +109,7 @@ def make_schemes(case: ReportData) -> Section | None:
         "recording goes on; filtered schemes are dashed.",
         tuple(list_warnings(identification)),
         tabulate_schemes(identification),
-        Legend(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in identification.schemes)),
+        Legend(tuple((f"stroke {stroke['dash']}", stroke["color"], name_effect(id)) for id, stroke in strokes.items())),
         tuple(plot_convergence(identification, k, strokes, units(column.unit)) for k, column in enumerate(columns)),
     ]
     return Section("schemes", "Schemes", "The schemes side by side", content)
@@ -140,7 +141,7 @@ def plot_convergence(
     middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
     unit = f" [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else ""
-    title = name_parameter(parameter.name) + unit
+    title = "<br>".join(wrap(name_parameter(parameter.name) + unit, 26))  # line width [characters]
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
         "xaxis": make_axis("time [s]"),

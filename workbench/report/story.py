@@ -8,14 +8,8 @@ from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics.effect_texts import find_description, name_effects
 from workbench.figure import Figure, make_axis, make_line
+from workbench.narrator import diagnosis as narration
 from workbench.narrator import results
-from workbench.narrator.diagnosis import (
-    describe_errors,
-    describe_refit,
-    describe_result,
-    describe_suggestion,
-    has_searched,
-)
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
 from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints, tabulate_parameters
@@ -26,12 +20,12 @@ def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
     head = {
-        "lead": f"{capitalise(describe_errors(diagnosis))}.",
+        "lead": f"{capitalise(narration.describe_errors(diagnosis))}.",
         "torque": [step.errors["holdout"].torque_rms for step in case.ends],
         "position": [case.angle[0] * step.errors["holdout"].position_rms for step in case.ends],
         "units": (case.units.unit("N m"), case.angle[1]),
         "horizon": HORIZON,
-        "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
+        "refit": narration.describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "noise_floor": get_single(diagnosis.floors),
         "torque_constant": diagnosis.torque_constant,
@@ -42,22 +36,23 @@ def make_story(case: ReportData) -> Section:
         *results.narrate_unexplained(diagnosis),
         *results.narrate_next_step(diagnosis),
     ]
-    return Section("story", "Result", describe_result(diagnosis), [head, *parts])
+    title = f"{narration.describe_result(diagnosis)}{narration.describe_unconfirmed(diagnosis, diagnosis.selected)}"
+    return Section("story", "Result", title, [head, *parts])
 
 
 def make_joints(case: ReportData) -> Section:
     """Make the section on an arm: added effects, torque errors of joints, unexplained residual and next step."""
     diagnosis = case.diagnosis
-    errors = [step.errors["holdout"] for step in case.ends]
+    errors, is_searched = [step.errors["holdout"] for step in case.ends], narration.has_searched(diagnosis)
     content: list[Any] = [
         {"findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected]},
-        f"{results.title_errors(errors[-1])} {'on held-out data' if has_searched(diagnosis) else 'on all data'}",
+        f"{results.title_errors(errors[-1])} {'on held-out data' if is_searched else 'on all data'}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]
-    if has_searched(diagnosis):
+    if is_searched:
         content += [*results.narrate_unexplained(diagnosis), *results.narrate_next_step(diagnosis)]
-    return Section("joints", "Result", describe_result(diagnosis), content)
+    return Section("joints", "Result", narration.describe_result(diagnosis), content)
 
 
 def list_values(diagnosis: Diagnosis) -> list[Part]:
@@ -96,7 +91,9 @@ def make_next_experiment(case: ReportData) -> Section | None:
         {"xaxis": make_axis("time [s]"), "yaxis": make_axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
-    about = f"{describe_suggestion(suggestion)} `diagnose --experiment` saves it for a controller of your own."
+    about = (
+        f"{narration.describe_suggestion(suggestion)} `diagnose --experiment` saves it for a controller of your own."
+    )
     return Section("next", "What next", "The next experiment", [about, figure])
 
 

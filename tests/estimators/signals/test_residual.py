@@ -83,6 +83,8 @@ def test_a_constant_is_told_once_and_what_is_left_without_the_strongest_profile_
     assert everywhere.residual == pytest.approx(0.2, abs=0.01)
     (faint,) = regions_of(x, noise(0) + 0.004)  # in no bin
     assert faint.is_constant
+    v_shape = regions_of(x, noise(0) + 0.1 * np.abs(x.velocity))  # of one sign over every quantity
+    assert not any(region.is_constant for region in v_shape) and v_shape[0].axis == "velocity"
     sway = Samples(x.time, np.sin(x.time), np.cos(x.time), x.torque)  # over time it stands out, too
     residual = noise(0) + 0.1 * np.sign(sway.velocity)
     top, rest = remove_strongest(compute_profiles(sway, residual, NOISE), sway, residual)

@@ -44,7 +44,7 @@ from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_ch
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Job, Workers
 from workbench.app.page.server import make_app
-from workbench.app.panels import show_timing
+from workbench.app.panels import describe_state, show_timing
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import data, diagnose, export, model
@@ -53,6 +53,10 @@ from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
+from workbench.report.data import ReportData
+from workbench.report.matches import make_rivals
+from workbench.report.numbers import make_parameters
+from workbench.report.story import make_story
 
 IDS = ["0" * 32, "1" * 32]
 HOSTILE = ["../../etc/passwd.csv", "..\\..\\run.csv", "C:run.csv", "..", "", "a\0b.csv", "x" * 5000 + ".csv.gz"]
@@ -307,7 +311,33 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
     other = grown.add_step(add(grown.model, "quadratic_drag", recordings))  # which the diagnosis does not call for
     assert other.suggested_additions == () and other.result.selected == ("stribeck", "quadratic_drag")
     own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", recordings))  # in the place of what it calls for
-    assert own.suggested_additions == ("stribeck",) and own.result.selected == ("quadratic_drag",)
+    assert own.suggested_additions == own.result.selected == ("stribeck",)
+
+
+def test_an_effect_added_by_hand_has_the_verdict_of_the_diagnosis_not_its_name_and_numbers(state, worked):
+    """A rejected effect in the place of the one that the diagnosis calls for, beside it, and without a diagnosis."""
+    diagnosis, recordings = worked["paper"].diagnosis, state.data.recordings
+    drag = add(state.model, "quadratic_drag", recordings)
+    own = state.add_diagnosis(diagnosis).add_step(drag)
+    _, title, lead = describe_state(own)
+    assert title.startswith("Stribeck friction is missing; the diagnosis does not confirm quadratic drag")
+    found = [diagnosis.steps[-1].errors["holdout"].torque_rms, drag.after.errors["holdout"].torque_rms]
+    by_hand, _, called_for = lead.partition("With Stribeck friction instead: ")
+    assert [f"{error:.4g}" in text for text in (called_for, by_hand) for error in found] == [True, False, False, True]
+    report = make_file(own, "report")[1].decode()
+    assert "Stribeck friction is missing" in report and "Quadratic drag is missing" not in report
+    beside = worked["paper"].add_step(add(worked["paper"].model, "quadratic_drag", recordings))
+    assert "does not confirm quadratic drag" in describe_state(beside)[1]
+    title = make_story(ReportData(beside.result)).title
+    assert title.startswith("Stribeck friction is missing") and "does not confirm quadratic drag" in title
+    assert "Why Stribeck friction" == make_rivals(ReportData(beside.result)).title
+    unsearched = state.add_step(drag)
+    assert "missing" not in describe_state(unsearched)[1] + make_story(ReportData(unsearched.result)).title
+
+
+def test_estimates_of_a_model_that_lacks_an_effect_are_told_as_biased(worked):
+    rows = make_parameters(worked["paper"].report_data).content[1].rows
+    assert all("biased" in base and "biased" not in final for _, base, final, _ in rows if base)
 
 
 @pytest.fixture(scope="module")

@@ -23,10 +23,18 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
         assert session.last_change == what  # what changes nothing is no change
     for before, what in reversed(known):
         assert session.last_change == what
+        after = session.state
         session.run_action(session.undo)
-        assert session.state is before
+        assert session.state is before and session.undone[-1] == (what, after)
+        session.run_action(lambda: session.undo(is_redo=True))
+        assert session.state is after and session.last_change == what
+        session.run_action(session.undo)
     session.run_action(session.undo)
     assert session.notice == "there is nothing to undo" and session.last_change == ""
+    session.run_action(lambda: session.undo(is_redo=True))
+    session.run_action(lambda: session.remove("swing.csv"))  # another change takes the place of those undone
+    session.run_action(lambda: session.undo(is_redo=True))
+    assert session.notice == "there is nothing to redo" and session.undone == []
 
 
 def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tmp_path):

@@ -37,7 +37,7 @@
   addEventListener("pointerdown", () => { focused = null; });
   addEventListener("focusin", ({ target }) => {
     lent = false;
-    focused = target.closest("#stage, #job") ? target.id : null;
+    focused = target.closest("#stage, .running") ? target.id : null;
   });
   new MutationObserver(() => {
     const stage = document.getElementById("stage"), here = document.activeElement;

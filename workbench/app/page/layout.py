@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 from workbench.app import uploads
 from workbench.app.card import UNWRAP
 from workbench.app.panels import show_job, show_state, show_undo
-from workbench.app.parts import Stage, make_aria, make_panel, typeset_texts
+from workbench.app.parts import Stage, make_aria, make_button, make_panel, typeset_texts
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
@@ -31,6 +31,7 @@ def make_page() -> Component:
     )
     story = html.Div(id="story", className="so-far", **make_aria(live="polite"))
     stage = html.Div(id="stage", tabIndex=-1)
+    job = html.Div([html.Div(id="job"), make_button("Cancel", "cancel")], className="running")  # the button stays
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
@@ -41,9 +42,7 @@ def make_page() -> Component:
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
-            html.Main(
-                [story, html.Div(id="notice", role="alert"), html.Div(id="job"), show_upload(), stage], id="main"
-            ),
+            html.Main([story, html.Div(id="notice", role="alert"), job, show_upload(), stage], id="main"),
         ]
     )
 
@@ -151,7 +150,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
 def _connect_actions(app: Dash, sessions: Sessions) -> None:
     """Register the callbacks of buttons, uploads and column choices; a new version redraws the page."""
     actions = {name: do for stage in STAGES for name, do in stage.actions.items()}
-    actions["back"] = lambda session, *_: session.undo()
+    actions |= {"back": lambda session, *_: session.undo(), "again": lambda session, *_: session.undo(is_redo=True)}
     fields = State({"field": ALL}, "value"), State({"field": ALL, "of": ALL}, "value")
 
     def run_action(session: Session, do: Callable[[], object]) -> int:

@@ -51,7 +51,7 @@ def show(session: Session) -> list[Component]:
     result = make(ReportData(state.result))
     return [
         make_panel("What was found", *show_section(result), className="story"),
-        make_late("rivals"),
+        make_late("rivals", make_panel("Why", html.P("The rivals are fitted …")) if diagnosis.selected else None),
         make_late("timing"),
         make_panel(
             "Evidence",

@@ -184,7 +184,7 @@ const figures = (() => {
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
     root.dataset.theme = "light";
-    folded = [...document.querySelectorAll("details:not([open], .evidence)")].filter((fold) => fold.querySelectorAll("li").length < LONG);
+    folded = [...document.querySelectorAll("details:not([open], .evidence)")].filter((fold) => fold.querySelectorAll("li:not(.evidence li)").length < LONG);
     folded.forEach((details) => { details.open = true; });
     for (const plot of document.querySelectorAll(".plot")) {
       if (!plot.checkVisibility()) continue;
