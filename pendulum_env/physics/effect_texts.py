@@ -172,8 +172,8 @@ EFFECTS: dict[str, Description] = {
     "presliding": Description(
         symptom="a peak around standstill",
         signature=(
-            "At each reversal, friction changes its sign over a small angle instead of at once. The residual has a "
-            "narrow dip beside standstill, and a loop over the angle."
+            "At each reversal, friction changes its sign over a small angle instead of at once (Dahl, LuGre). The "
+            "residual has a short peak after each reversal, with the sign of the motion before it."
         ),
         resembles=("stribeck", "backlash", "joint_flexibility"),
         informative_experiment="many small reversals",

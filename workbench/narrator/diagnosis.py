@@ -230,7 +230,7 @@ def describe_detectable(detectable: Detectable) -> str:
     if not detectable.is_excited:
         return "not excited"
     if detectable.between is not None:
-        return f"anywhere from {measure_range(*detectable.between, detectable.unit)}"
+        return f"from {measure_range(*detectable.between, detectable.unit)}"
     unit = "" if detectable.unit == "1" else detectable.unit
     return f"above {measure(Quantity(detectable.above or 0.0, unit=unit), 2, is_parameter=True)}"
 

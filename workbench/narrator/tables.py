@@ -52,8 +52,7 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
             train, holdout = (step.errors[part].get_error(kind) for part in ("train", "holdout"))
             ratio = format_quantity(holdout / max(base.get_error(kind), 1e-300), 3)
             row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
-    bar = f"ratio of {ERRORS[next(iter(base.kinds))]}"
-    return TextTable([*headers, bar], [[*row, draw_bar(float(row[3]))] for row in rows], left=(bar,))
+    return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
 
 
 def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) -> TextTable:

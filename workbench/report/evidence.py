@@ -30,7 +30,7 @@ def make_candidates(case: ReportData) -> Section | None:
     rows: list[Evidence | Part] = [make_evidence(case, k, candidate) for k, candidate in enumerate(candidates)]
     others = [Part(f"Other effects, {len(rows) - FIRST} of {len(rows)}", rows[FIRST:], brief=False)]
     bar = "The bar is the part of the held-out torque error that the effect removes beside the selected effects."
-    about = "A row opens to the evidence.", bar, f"{NAT}."
+    about = "A row opens to the evidence.", bar, f"p: probability of such a gain by chance; {NAT}."
     content: Content = [*about, *rows[:FIRST], *others[: len(rows[FIRST:])], *narrate_detectable(case.diagnosis)]
     return Section("candidates", "Candidates", "What was considered", content)
 
