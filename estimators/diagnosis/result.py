@@ -231,8 +231,8 @@ class Diagnosis(Summarised):
         return tuple(step.added for step in self.steps if step.added is not None)
 
     def list_unconfirmed(self, effects: Sequence[str]) -> list[str]:
-        """List effects in a model that the search did not select; empty without a search."""
-        confirmed = {candidate.effect for candidate in self.candidates if candidate.verdict.is_accepted}
+        """List effects and tables in a model that the search did not select; empty without a search."""
+        confirmed = {*self.tables, *(one.effect for one in self.candidates if one.verdict.is_accepted)}
         return [effect for effect in effects if self.candidates and effect not in confirmed]
 
     @property
