@@ -163,7 +163,7 @@ class Step:
     def compute_noise_ratio(self, floors: Mapping[str, float]) -> float:
         """Return the held-out error over the noise floor of a joint, the largest of all joints."""
         errors = self.errors["holdout"]
-        return max(errors.get_joint_error(at) / max(floor, 1e-300) for at, floor in floors.items())
+        return max((errors.get_joint_error(at) / max(floor, 1e-300) for at, floor in floors.items()), default=0.0)
 
     def mark_bias(self, floors: Mapping[str, float], misfit_ratio: float) -> Model:
         """Return the model, its estimates marked as biased if a torque error is above `misfit_ratio` noise floors."""
