@@ -173,15 +173,18 @@ def test_a_payload_of_an_arm_of_six_joints_is_identified_beside_an_effect(six, i
 
 
 @pytest.mark.slow
-def test_different_payloads_are_identified_each_and_warmer_friction_is_none(six):
+def test_different_payloads_are_identified_each_and_warmer_friction_is_none(three):
     load, other = (six_joint.Load(m, (0.05, -0.03, 0.04), (0.003, 0.003, 0.003)) for m in (2.6, 1.2))
-    runs = [replace(six_joint.simulate(k, seconds=8.0, load=own), name=f"run {k}") for k, own in ((1, None), (2, load))]
-    last = replace(six_joint.simulate(3, seconds=8.0, load=other), name="run 3")
-    found = diagnose(runs, last, arm_base(six), library=SOME)
+    runs = [
+        replace(six_joint.simulate(k, seconds=8.0, load=own, rubs=RUBS), name=f"run {k}")
+        for k, own in ((1, None), (2, load))
+    ]
+    last = replace(six_joint.simulate(3, seconds=8.0, load=other, rubs=RUBS), name="run 3")
+    found = diagnose(runs, last, arm_base(three), library=SOME)
     masses = {own.recordings: own.mass.value for own in found.findings if isinstance(own, CarriedPayload)}
     assert masses == {("run 2",): pytest.approx(2.6, rel=0.01), ("run 3",): pytest.approx(1.2, rel=0.01)}
-    warm = replace(six_joint.simulate(2, seconds=8.0, rubs=[0.7] * 6), name="warm")
-    found = diagnose(runs[:1], warm, arm_base(six), library=SOME)
+    warm = replace(six_joint.simulate(2, seconds=8.0, rubs=[0.7] * len(THREE)), name="warm")
+    found = diagnose(runs[:1], warm, arm_base(three), library=SOME)
     assert found.joint_residuals and not found.treatments
 
 
