@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from estimators.data.fit_data import FitData
@@ -19,14 +19,14 @@ from robots.servo_arms.model import ServoArmModel
 
 @dataclass(frozen=True)
 class AtJoint(Finding):
-    """Finding on the servo of one joint."""
+    """Finding on the servo of a joint, or the same finding on those of several joints."""
 
-    joint: str
+    joints: tuple[str, ...]
     finding: Finding
 
     @property
     def is_biasing(self) -> bool:
-        """Return False: it is of one joint alone."""
+        """Return False: it is of some joints alone."""
         return False
 
     @property
@@ -58,10 +58,21 @@ def join_diagnoses(data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnos
         ambiguous=tuple(tuple(f"{id}@{at}" for id in group) for at, one in pairs for group in one.ambiguous),
         unexplained=tuple(replace(region, at=at) for at, one in pairs for region in one.unexplained),
         floors={at: floor for at, one in pairs for floor in one.floors.values()},
-        findings=tuple(AtJoint(at, finding) for at, one in pairs for finding in one.findings),
+        findings=join_findings({at: one.findings for at, one in pairs}),
         data=data,
         joint_residuals={at: _get_residual(one) for at, one in pairs if one.unexplained},
     )
+
+
+def join_findings(findings: Mapping[str, Sequence[Finding]]) -> tuple[AtJoint, ...]:
+    """Join the findings by joint; equal ones are one finding on several joints."""
+    joined = list[AtJoint]()
+    for of_joint in findings.values():
+        for finding in of_joint:
+            if all(finding != other.finding for other in joined):
+                joints = tuple(at for at, own in findings.items() if finding in own)
+                joined.append(AtJoint(joints, finding))
+    return tuple(joined)
 
 
 def _get_residual(diagnosis: Diagnosis) -> float:

@@ -107,7 +107,7 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     ErrorNearReversals(ANGLE),
     ResidualWithoutPlace(TORQUE, 5.0, None, "run 0"),
     ResidualWithoutPlace(TORQUE, 5.0),
-    AtJoint("elbow", RestBand(ANGLE, ANGLE, ANGLE, 16.0, 4.5)),
+    AtJoint(("elbow", "wrist"), RestBand(ANGLE, ANGLE, ANGLE, 16.0, 4.5)),
     RestBand(ANGLE, ANGLE, ANGLE, 16.0, 4.5),
     HeldOutResidual(NAMES),
     Contact("elbow", 12, TORQUE, ANGLE, Quantity(17.7, unit="s"), "run 0"),
