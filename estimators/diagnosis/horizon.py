@@ -17,12 +17,14 @@ import numpy as np
 
 from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
+from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import HorizonRefit
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.selection.motion_score import exceeds_noise
 from estimators.selection.physical import find_violations
+from estimators.selection.policies import REFIT_TO_MOTION
 from estimators.simulation import output_error
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.output_error import ErrorsOf
@@ -37,9 +39,9 @@ N_REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the
 def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     """Refit the final model to free-running motion; None without a horizon, or if the inertia is unknown.
 
-    A model with a motion error within the noise is not refitted. The refit is kept if it lowers the held-out
-    position error over the horizon and violates no physical bound. A keyboard interrupt ends it at the reached
-    parameters.
+    A model with a motion error within the noise is not refitted. The refit is kept under the policy `REFIT_TO_MOTION`
+    with the held-out position error over the horizon, and if it violates no physical bound. A keyboard interrupt ends
+    it at the reached parameters.
     """
     seconds, last = trial.options.horizon, trial.final.steps[-1]
     if seconds is None or not last.model.has_known_inertia:
@@ -65,9 +67,9 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     ).convert_units(data[0].recordings[0].units)
     model = model.mark_unknown({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
     after = _make_step(last, model, data)
-    old_rms, new_rms = (step.errors["holdout"].position_rms for step in (before, after))
-    is_kept = new_rms < old_rms and not find_violations(model, trial.evidence.train.motions)
-    return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
+    decision = trial.evidence.decide(after, before, REFIT_TO_MOTION)
+    decision = decision.join(Decision(tuple(find_violations(model, trial.evidence.train.motions))))
+    return HorizonRefit(seconds, before, after, decision, is_interrupted)
 
 
 def _make_step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:

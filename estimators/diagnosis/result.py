@@ -138,15 +138,20 @@ class HorizonRefit:
         seconds: horizon [s].
         before: model of the search, with errors of free runs over the horizon.
         after: refitted model, with the same errors; None if the motion errs by no more than noise.
-        is_kept: whether the refitted model is the final one.
+        decision: tests of the refitted model.
         is_interrupted: whether the refit was interrupted, at the parameters reached so far.
     """
 
     seconds: float
     before: Step
     after: Step | None = None
-    is_kept: bool = False
+    decision: Decision = NOTHING_TESTED
     is_interrupted: bool = False
+
+    @property
+    def is_kept(self) -> bool:
+        """Return whether the refitted model is the final one."""
+        return self.after is not None and self.decision.passed
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
@@ -155,6 +160,7 @@ class HorizonRefit:
             "before": self.before.json(),
             "after": None if self.after is None else self.after.json(),
             "kept": self.is_kept,
+            "gates": [gate.json() for gate in self.decision.gates],
             "interrupted": self.is_interrupted,
         }
 

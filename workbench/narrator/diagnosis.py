@@ -211,8 +211,12 @@ def describe_refit(refit: HorizonRefit) -> str:
     text = f"The refit to free motion {end}changes the held-out position error {over}: {change}"
     if refit.is_kept:
         return f"{text}. The final model is the refitted one."
-    reason = "is not lower" if not after.value < before.value else "is lower, but no body can have the parameters"
-    return f"{text}. The error {reason}, and the model is not changed."
+    failed = next(gate for gate in refit.decision.gates if not gate.passed)
+    reasons = {
+        "loss_p_value": f"Held-out torque is predicted significantly worse (p = {failed.value:.2g})",
+        "holdout_position": "The error is not lower",
+    }
+    return f"{text}. {reasons.get(failed.name, 'No body can have the parameters')}, and the model is not changed."
 
 
 def describe_treatment(treatment: TriedTreatment) -> str:

@@ -14,12 +14,14 @@ from estimators import compare, diagnose
 from estimators.diagnosis import horizon as refits
 from estimators.simulation import output_error
 from pendulum_env.physics import BASE, Model
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, read_recording
 from tests.cases import diagnosed, recording
+from tools.prose import ROOT
 
 MASS, VISCOUS, DRY = 95.0, 200.0, 20.0  # kg, N s/m, N
 STRIBECK, SLOW = 3.0, 0.05  # N, m/s
 RATE, INNER = 500.0, 10
+EMPS = ROOT.parent / "shared" / "data" / "emps" / "emps.csv.gz"
 TRUE = Model.build(BASE, [MASS, 0.0, VISCOUS, DRY])
 AXIS = {"fixed": {"gravity": 0.0}, "only": ["spring"]}
 
@@ -110,7 +112,23 @@ def test_an_incomplete_model_follows_held_out_motion_better_after_the_refit(with
     assert Model.load(tmp_path / "model.json").theta == pytest.approx(found.model.theta)
     data = found.json()["horizon"]
     assert json.loads(json.dumps(data, allow_nan=False)) == data
+    assert [gate["passed"] for gate in data["gates"]] == [True, True]
     assert data["seconds"] == 10.0 and data["kept"] and data["after"]["errors"]["holdout"] == new.json()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not EMPS.is_file(), reason="the recording of the benchmark is not on this machine")
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0)])
+def test_a_refit_that_raises_the_torque_error_of_other_motion_is_not_kept(order):
+    """A third of the recording is fitted, another one decides, and the last one is unseen."""
+    log = read_recording(EMPS, columns={"position": "position:m", "torque": "torque:N"})
+    edges = np.linspace(0, len(log.time), 4).astype(int).tolist()
+    train, decides, unseen = (log.slice(edges[k], edges[k + 1]) for k in order)
+    refit = diagnose([train], [decides], fixed={"gravity": 0.0}, only=["viscous_asymmetry"], horizon=5.0).refit
+    old, new = (step.errors["holdout"] for step in (refit.before, refit.after))
+    assert new.position_rms < old.position_rms and not refit.is_kept
+    old, new = (compare(step.model, unseen, horizon=5.0).errors for step in (refit.before, refit.after))
+    assert new.torque_rms > 1.1 * old.torque_rms
 
 
 def test_a_coarse_encoder_does_not_hide_dry_friction():
