@@ -179,7 +179,7 @@ const figures = (() => {
 
   addEventListener("theme", () => [...drawn.keys()].forEach(draw));
 
-  const LONG = 12;  // [lines] of a list that is not printed unless it is open
+  const LONG = 8;  // [lines] of a list that is not printed unless it is open
   let theme = null, folded = [];
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
@@ -190,7 +190,7 @@ const figures = (() => {
       if (!plot.checkVisibility()) continue;
       draw(plot);
       const width = plot.closest(".strip") ? 220 : plot.closest(".grid") ? 330 : 680;  // of A4 and Letter
-      const height = plot.matches(".course") ? 520 : plot.closest(":is(#why, #recordings, #failures) .grid") ? (width > 220 ? 240 : 180) : null;  // as in the style
+      const height = plot.matches(".course") ? 600 : plot.closest(":is(#why, #recordings, #failures) .grid") ? (width > 220 ? 240 : 180) : null;  // as in the style
       Plotly.relayout(plot, { width, height, autosize: false });
     }
   });
