@@ -90,7 +90,7 @@ class FitData:
         treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
         preparation = find_preparation((*fitted, *held_out))
         fitted, held_out, findings = preparation.decide_torque(fitted, held_out, base or BASE, criterion)
-        cut = CutSettings(inertia=known.get("inertia"))
+        cut = CutSettings(base=tuple(base) or BASE, inertia=known.get("inertia"))
         treatments = *treatments, *findings
         return cls(fitted, held_out, doubt, cut=cut, treatments=treatments, criterion=criterion)
 

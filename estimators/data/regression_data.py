@@ -28,6 +28,7 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link, list_loads
 from pendulum_env.physics.joints import find_mechanism, list_base_terms
+from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
@@ -157,12 +158,24 @@ class RegressionData:
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
-        """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion."""
+        """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion.
+
+        That of a pendulum is the root of its mean square, which includes the variance of the estimate: in motion that
+        does not determine the inertia, encoder noise may be as large.
+        """
         links, data = base[0], self.data
         if links.id not in data.shared_columns:
-            return {at: data.part(at).base_inertia for at in data.joints}
+            return {at: self._measure_inertia(data.part(at), tuple(base)) for at in data.joints}
         theta = self.torque.fits.solve(base)[: len(links.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[links.id].inertia @ theta).tolist(), strict=True))
+
+    def _measure_inertia(self, data: TorqueWindows, base: Terms) -> float:
+        """Return the root mean square of the inertia of a pendulum by a fit of a base model, or a known inertia."""
+        if self.rollouts is not None or all(w.recording.known_inertia or w.inertia for w in data.windows):
+            return data.base_inertia
+        terms = (*base, GravityTilt()) if self.has_wrong_zero(base) else base
+        fit = TorqueRows(data.free_windows).equations(terms).fit(data.free_windows.clusters)
+        return float(np.hypot(fit.theta[0], fit.std[0]))
 
     @cached_property
     def floors(self) -> dict[str, float]:

@@ -19,7 +19,7 @@ from estimators.weak_form.preparation import choose_half_width, prepare_windows
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term, has_link
+from pendulum_env.physics import BASE, Term, has_link
 from pendulum_env.recording import Recording
 
 Parts = tuple[RegressionData, RegressionData]  # fitted and held out
@@ -31,12 +31,14 @@ class CutSettings:
 
     Attributes:
         window_share: factor on the window lengths chosen by noise.
+        base: terms of the base model, with known values, whose inertia scales encoder noise.
         inertia: known inertia, which scales encoder noise [kg m^2]; None if the base model gives it.
         contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
         horizon: length of the segments for simulation [s]; None for the default.
     """
 
     window_share: float = 1.0
+    base: tuple[Term, ...] = BASE
     inertia: float | None = None
     contact_terms: tuple[Term, ...] | None = None
     horizon: float | None = None
@@ -45,7 +47,8 @@ class CutSettings:
         self, recordings: Sequence[Recording], holdout: Sequence[Recording], criterion: Criterion = Criterion()
     ) -> Parts:
         """Return fitted and held-out data; raises errors of `split_recordings`."""
-        parts = split_recordings(recordings, holdout, self.window_share, self.inertia, criterion)
+        fitted, held_out = split_recordings(recordings, holdout, self.window_share, self.inertia, criterion)
+        parts = replace(fitted, base=self.base), replace(held_out, base=self.base)
         parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts
@@ -177,4 +180,4 @@ def _cut_again(data: RegressionData, part: Part) -> RegressionData:
     windows = prepare_windows(
         data.recordings, widths, part, fewest=0, inertia=data.data.windows[0].inertia, block=data.data.block
     )
-    return RegressionData(windows, tuple(choose_segments(w) for w in windows.windows))
+    return replace(data, data=windows, segments=tuple(choose_segments(w) for w in windows.windows))
