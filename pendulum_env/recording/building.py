@@ -216,7 +216,7 @@ def _clean_rows(joints: Sequence[JointLog], *, can_swing: bool) -> None:
     first = logs[0]
     has_torque = (np.abs(first.values["torque"]) > NO_TORQUE).any()
     if is_single and can_swing and not has_torque and np.ptp(first.values["position"]) > 0:
-        cleaning.drop_initial_hold(first)
+        cleaning.drop_initial_holds(first)
     for log in logs:
         cleaning.start_from_zero(log)
     if is_single:

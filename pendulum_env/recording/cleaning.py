@@ -262,25 +262,38 @@ def drop_repeated_times(log: Log) -> None:
         log.keep_rows(is_new)
 
 
-def drop_initial_hold(log: Log) -> None:
-    """Remove the samples of a free swing before its release, with the joint at rest away from equilibrium.
+def drop_initial_holds(log: Log) -> None:
+    """Remove the samples of free swings before their release, with the joint at rest away from equilibrium.
 
-    After the release, position moves by a t^2 / 2: the time of the release follows from the times of the
-    displacements d and 9 d. It moves by tan(e) (cosh(w t) - 1) if it falls from an angle e from upright. The median of
-    position is the equilibrium.
+    Each part of the log, between gaps of `CLEANING.restart_gap` or of another `segment`, is a swing of its own. The
+    median of position is the equilibrium.
     """
     time, position = log.values["time"] - log.values["time"][0], log.position
-    span, tilt = float(np.ptp(position)), float(position[0] - np.median(position))
+    is_new = (np.diff(time) >= CLEANING.restart_gap) | (np.diff(log.values.get("segment", np.zeros(len(time)))) != 0)
+    is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
+    for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
+        release = float(time[rows[0]]) + _find_release(time[rows] - time[rows[0]], position[rows], equilibrium)
+        if release > time[rows[0]]:
+            log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
+            is_kept[rows] = time[rows] >= release
+    log.keep_rows(is_kept)
+
+
+def _find_release(time: Array, position: Array, equilibrium: float) -> float:
+    """Return the time at which a joint (N,) at rest away from its equilibrium [rad] is released; 0 without a hold.
+
+    After the release, position moves by a t^2 / 2: the time of the release follows from the times of the
+    displacements d and 9 d. It moves by tan(e) (cosh(w t) - 1) if it falls from an angle e from upright.
+    """
+    span, tilt = float(np.ptp(position)), float(position[0] - equilibrium)
+    if np.cos(tilt) > np.cos(CLEANING.least_tilt) or span == 0.0:
+        return 0.0
     travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / span
-    if np.cos(tilt) > np.cos(CLEANING.least_tilt):
-        return
     shares = np.array([0.01, 0.09])
     near, far = (float(time[np.argmax(travel > share)]) for share in shares)
     times = np.arccosh(1 + shares * span / abs(np.tan(tilt))) if np.cos(tilt) < 0 else np.sqrt(shares)
     release = float((times[1] * near - times[0] * far) / (times[1] - times[0]))
-    if release > max(CLEANING.longest_hold, far - release) / 2:
-        log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
-        log.keep_rows(time >= release)
+    return release if release > max(CLEANING.longest_hold, far - release) / 2 else 0.0
 
 
 def start_from_zero(log: Log) -> None:

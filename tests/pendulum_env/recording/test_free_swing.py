@@ -71,6 +71,19 @@ def test_rest_before_the_release_is_left_out(start: float, hold: float, torque: 
     assert any("held" in note for note in list_notes(recording)) == (hold > 0)
 
 
+@pytest.mark.parametrize("counted", [True, False])
+def test_rest_before_each_release_is_left_out(counted: bool) -> None:
+    """Of swings in one file, with a column that counts them or gaps between them."""
+    swing = 1.2 * np.exp(-0.2 * TIME) * np.cos(5 * TIME)
+    holds = (50, 80, 120)
+    q = np.concatenate([np.append(np.full(hold, 1.2), swing) for hold in holds])
+    number = np.repeat(np.arange(3), [600 + hold for hold in holds])
+    time = np.arange(len(q)) / 100 + (0.0 if counted else 5.0 * number)
+    recording = read_recording({"time": time, "position": q, **({"segment": number} if counted else {})})
+    assert len(recording) == pytest.approx(3 * 600, abs=20) and len(recording.starts) == 3
+    assert all(abs(recording.position[start] - 1.2) < 0.05 for start in recording.starts)
+
+
 def test_the_line_that_is_offered_keeps_what_was_said_and_a_column_named_none_is_a_column(tmp_path: Path) -> None:
     file = table(tmp_path / "none.csv", "time,angle,none", np.cos(TIME))
     assert read_recording(file, columns={"torque": "none"}).torque.any()
