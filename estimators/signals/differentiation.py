@@ -15,6 +15,7 @@ from pendulum_env.recording.rounding import find_least_change, list_changes
 
 FOURTH = {1: np.array([1.0, -4, 6, -4, 1]), 2: np.array([1.0, 0, -4, 0, 6, 0, -4, 0, 1])}  # differences, by step
 LARGER = float(np.log(1.25))  # largest excess of coarse differences over those of noise, in the logarithm
+REMOVED = 2.0  # largest difference of smoothed and raw position [standard deviations of noise]
 STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 
 
@@ -139,6 +140,23 @@ def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple
         parts.append((filter_savitzky_golay(segment, length, order), slope))
     smoothed, slopes = zip(*parts, strict=True)
     return np.concatenate(smoothed), np.concatenate(slopes)
+
+
+def limit_smoothing(recording: Recording, longest: int) -> int:
+    """Return the longest half width of `smooth_motion`, from 2 to `longest` samples, that removes only noise.
+
+    The position in motion then differs from the smoothed one by at most `REMOVED` standard deviations of its noise.
+
+    Source: Morozov, Soviet Mathematics Doklady 7, 1966 (the discrepancy principle).
+    """
+    noise, position = estimate_encoder_noise(recording), recording.position
+    moved, half_width = np.append(np.abs(np.diff(position)) > STILL, False), longest
+    while half_width > 2 and moved.any():
+        removed = np.abs(position - smooth_motion(recording, position, half_width)[0])[find_near(moved, half_width)]
+        if np.median(removed) <= REMOVED * 0.6745 * noise:
+            break
+        half_width = max(2, 3 * half_width // 4)
+    return half_width
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.signals.differentiation import differentiate_position, find_near_reversals
+from estimators.signals.differentiation import differentiate_position, find_near_reversals, limit_smoothing
 from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, find_slowest, get_known_load, get_temperature
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.resolution import RESOLUTION
@@ -201,7 +201,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     """
     m, settings = max(2, round(half_width * recording.rate)), RESOLUTION.cut
     has_reversals = recording.known_inertia > 0 and half_width > HALF_WIDTHS[-1]
-    smoothing = max(2, round((settings.swing_smoothing if has_reversals else settings.smoothing) * m))
+    smoothing = limit_smoothing(recording, max(2, round(settings.smoothing * m)))
     window, load = make_bump(m), get_known_load(recording)
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity

@@ -8,6 +8,7 @@ import numpy as np
 from pendulum_env._typing import Array
 
 FEWEST_DIGITS, MOST_DIGITS = 4, 9  # of columns that count as rounded; more are those of single or double precision
+OFF_GRID = 1e-3  # least difference of two changes that is no rounding error, share of the least change
 LARGE = 20  # number of the largest values, which may end in zeros by chance
 
 
@@ -18,9 +19,21 @@ def list_changes(values: Array) -> Array:
 
 
 def find_least_change(values: Array) -> float:
-    """Return the least change from value to value (N,) above 1e-12; 0 without one."""
+    """Return the least change from value to value (N,) above 1e-12, the step of a rounded column; 0 without one.
+
+    A joint that never stands still may turn by many steps in a sample. If no value repeats the last one and the changes
+    differ, the step is the least difference of two changes, if nine tenths of them are multiples of it; else 0.
+    """
     changes = list_changes(values)
-    return float(changes.min()) if len(changes) else 0.0
+    if not len(changes):
+        return 0.0
+    least, most = float(changes.min()), float(changes.max())
+    if len(changes) < len(values) - 1 or most - least <= OFF_GRID * least:
+        return least
+    differences = np.diff(np.unique(changes))
+    step = float(differences.min(where=differences > OFF_GRID * least, initial=most - least))
+    multiples = changes / step
+    return step if np.mean(np.abs(multiples - np.rint(multiples)) < 0.1) > 0.9 else 0.0
 
 
 def count_significant_digits(values: Array) -> int | None:

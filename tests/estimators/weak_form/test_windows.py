@@ -22,7 +22,7 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.window_columns import WindowColumns, WindowTorque
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
+from pendulum_env.physics import BASE, Gravity, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, WALLS, make_recording, recorded, recording
 
@@ -105,6 +105,26 @@ def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_ru
     equations = data.equations(BASE)
     residual = equations.y - equations.phi @ TRUTH
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(compute_noise_floor(data.windows, TRUTH[0]), rel=0.3)
+
+
+@pytest.mark.parametrize(("speed", "half_width"), [(16.0, 0.08), (24.0, 0.11), (30.0, 0.16)])
+def test_windows_as_long_as_a_turn_have_no_error_beyond_the_noise_that_was_predicted(speed, half_width):
+    """A pendulum that never stands still, under the torque that its motion w t + A sin w t needs."""
+    time, rng, (inertia, gravity, viscous) = np.arange(8000) / 1000, np.random.default_rng(0), (0.017, 0.6, 0.04)
+    swing = gravity / inertia / speed**2
+
+    def turn(t: Array) -> Array:
+        return speed * t + swing * np.sin(speed * t)
+
+    middle = time + 0.5e-3  # of the sample over which the torque is held
+    velocity = speed * (1 + swing * np.cos(speed * middle))
+    acceleration = -swing * speed**2 * np.sin(speed * middle)
+    torque = inertia * acceleration + gravity * np.sin(turn(middle)) + viscous * velocity
+    noisy = turn(time) + 1e-4 * rng.standard_normal(8000), torque + 0.003 * rng.standard_normal(8000)
+    data = prepare_windows([Recording(time, *noisy)], [half_width])
+    equations = data.equations((Inertia(), Gravity(), Viscous()))
+    residual = equations.y - equations.phi @ [inertia, gravity, viscous]
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(compute_noise_floor(data.windows, inertia), rel=0.3)
 
 
 def test_white_noise_is_measured_beside_a_smooth_signal_and_its_steps():

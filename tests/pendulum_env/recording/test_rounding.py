@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import read_recording
-from pendulum_env.recording.rounding import compute_steps, count_significant_digits
+from pendulum_env.recording.rounding import compute_steps, count_significant_digits, find_least_change
 
 TIME = np.arange(400) / 100
 
@@ -31,6 +31,18 @@ def test_decimals_counts_and_raw_floats_have_a_constant_step(decimals, seed):
     values = 300 * np.random.default_rng(seed).standard_normal(500)
     assert count_significant_digits(np.round(values, decimals)) is None
     assert count_significant_digits(values) is None
+
+
+@pytest.mark.parametrize("speed", [0.3, 3.0, 24.0, 200.0])
+def test_the_step_of_an_encoder_shows_at_any_speed(speed):
+    """A joint at 24 rad/s turns by 62 counts in a sample: the least change is then no step."""
+    time, step = np.arange(8000) / 1000, 2 * np.pi / 16_384
+    turn = speed * time + 0.04 * np.sin(20 * time)
+    assert find_least_change(step * np.round(turn / step)) == pytest.approx(step, rel=1e-6)
+    analogue = turn + 1e-5 * np.random.default_rng(0).standard_normal(len(turn))
+    assert find_least_change(analogue) < 1e-6
+    edges = step * np.round(turn / step)[np.append(True, np.diff(np.round(turn / step)) != 0)]  # a row at each change
+    assert find_least_change(edges) == pytest.approx(step, rel=1e-6)
 
 
 def test_steps_of_a_position_are_in_radians(tmp_path):
