@@ -75,11 +75,14 @@ def _list_torque_changes(model: Model, data: FitData, train: RegressionData) -> 
 def _bound_delay(model: Model, train: RegressionData, rates: Array) -> float:
     """Return the standard error of an unknown delay of the torque [s]: a sample, unless the residual allows less.
 
-    `rates` (R,) are the derivatives of the torque by the delay.
+    `rates` (R,) are the derivatives of the torque by the delay. Their noise is no information, but scatters the delay.
     """
     rows, period = linearise(train, model), max(1.0 / recording.rate for recording in train.recordings)
     unexplained = project_out(np.linalg.qr(rows.slopes)[0], rates * rows.weights)
-    information = float(unexplained @ unexplained) / max(float(np.mean(rows.residual**2)), 1e-300)
+    noise = np.concatenate([w.row_scale * w.noise.torque_rate for w in train.data.windows])
+    total = float(unexplained @ unexplained)
+    signal = max(total - float(np.sum((noise * (rates != 0) * rows.weights) ** 2)), 0.0)
+    information = signal**2 / max(total * float(np.mean(rows.residual**2)), 1e-300)
     return period / np.sqrt(1.0 + information * period**2)
 
 

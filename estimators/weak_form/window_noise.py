@@ -72,6 +72,13 @@ class WindowNoise:
         """Standard deviation of the white noise of the torque channel [N m]."""
         return self.torque / float(np.linalg.norm(self.log_weights))
 
+    @property
+    def torque_rate(self) -> float:
+        """Standard deviation of the time derivative of the torque in a window by noise of its channel [N m/s]."""
+        padded = np.pad(self.kernel, 2)
+        weights = np.convolve(0.5 * self.rate * (padded[:-2] - padded[2:]), [0.5, 0.5])
+        return self.raw_torque * float(np.linalg.norm(weights))
+
     def with_torque(self, std: float) -> WindowNoise:
         """Return the noise with another standard deviation of the torque [N m]."""
         return replace(self, torque=std)
