@@ -126,37 +126,35 @@ def correlate_averages(weights: Array, lag: int) -> float:
     return float(weights[lag:] @ weights[: len(weights) - lag]) / float(weights @ weights)
 
 
-def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple[Array, Array]:
-    """Smooth a series (N,) by local cubics over 2 half_width + 1 samples; return values and time derivative (N,).
+def smooth_position(recording: Recording, half_width: int, derivative: int = 0) -> Array:
+    """Smooth the position (N,), or its time derivative, by local cubics over 2 half_width + 1 samples.
 
     The filter has no delay. Each segment of the recording is smoothed alone, with a shorter filter if it is short.
     """
-    parts = []
+    parts, period = [], 1.0 / recording.rate
     for rows in recording.segment_slices:
-        segment = series[rows]
+        segment = recording.position[rows]
         length = min(2 * half_width + 1, len(segment) - 1 + len(segment) % 2)
-        order = min(3, length - 1)
-        slope = filter_savitzky_golay(segment, length, order, 1, 1.0 / recording.rate)
-        parts.append((filter_savitzky_golay(segment, length, order), slope))
-    smoothed, slopes = zip(*parts, strict=True)
-    return np.concatenate(smoothed), np.concatenate(slopes)
+        parts.append(filter_savitzky_golay(segment, length, min(3, length - 1), derivative, period))
+    return np.concatenate(parts)
 
 
-def limit_smoothing(recording: Recording, longest: int) -> int:
-    """Return the longest half width of `smooth_motion`, from 2 to `longest` samples, that removes only noise.
+def smooth_to_noise(recording: Recording, longest: int, noise: float) -> tuple[Array, int]:
+    """Smooth the position by the longest filter that removes noise alone; return it (N,) and the half width [samples].
 
-    The position in motion then differs from the smoothed one by at most `REMOVED` standard deviations of its noise.
+    The position in motion then differs from the smoothed one by at most `REMOVED` times the standard deviation `noise`
+    [rad]. The half width is from 2 to `longest` samples.
 
     Source: Morozov, Soviet Mathematics Doklady 7, 1966 (the discrepancy principle).
     """
-    noise, position = estimate_encoder_noise(recording), recording.position
-    moved, half_width = np.append(np.abs(np.diff(position)) > STILL, False), longest
-    while half_width > 2 and moved.any():
-        removed = np.abs(position - smooth_motion(recording, position, half_width)[0])[find_near(moved, half_width)]
-        if np.median(removed) <= REMOVED * 0.6745 * noise:
-            break
+    position, half_width = recording.position, longest
+    moved = np.append(np.abs(np.diff(position)) > STILL, False)
+    while True:
+        smoothed = smooth_position(recording, half_width)
+        removed = np.abs(position - smoothed)[find_near(moved, half_width)]
+        if half_width <= 2 or not len(removed) or np.median(removed) <= REMOVED * 0.6745 * noise:
+            return smoothed, half_width
         half_width = max(2, 3 * half_width // 4)
-    return half_width
 
 
 @dataclass(frozen=True)
@@ -170,6 +168,7 @@ class Motion:
         acceleration_noise: standard deviation of the acceleration's average over a window [rad/s^2].
         noise_weights: weights (K,) of the positions in this average, of zero mean [1/s^2], or of the velocities of
             which they are the integral [1/s].
+        half_width: half width of the smoothing [samples].
     """
 
     position: Array
@@ -178,16 +177,18 @@ class Motion:
     velocity_noise: float
     acceleration_noise: float
     noise_weights: Array
+    half_width: int
 
 
-def differentiate_position(recording: Recording, window: Array, half_width: int) -> Motion:
+def differentiate_position(recording: Recording, window: Array, longest: int) -> Motion:
     """Compute the motion from the position alone; the delay of a logged velocity would bias inertia.
 
-    The noise of an integrated position is that of its velocity. Smoothing has `half_width` samples. `window` (K - 2,)
-    are the weights of windows that average the acceleration.
+    The noise of an integrated position is that of its velocity. Smoothing has at most `longest` samples, see
+    `smooth_to_noise`. `window` (K - 2,) are the weights of windows that average the acceleration.
     """
-    period = 1.0 / recording.rate
-    q, v = smooth_motion(recording, recording.position, half_width)
+    period, encoder_noise = 1.0 / recording.rate, estimate_encoder_noise(recording)
+    q, half_width = smooth_to_noise(recording, longest, encoder_noise)
+    v = smooth_position(recording, half_width, derivative=1)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
     # variance of the slope of a cubic fit to 2 s samples: 28.1 / (2 s)^3 per unit of noise, 2.5 / (2 s) of its integral
@@ -196,7 +197,8 @@ def differentiate_position(recording: Recording, window: Array, half_width: int)
         velocity_noise = noise * np.sqrt(2.5 / (2 * half_width))
         weights = np.convolve(window, [0.5, 0.0, -0.5]) / period
     else:
-        noise = estimate_encoder_noise(recording)
+        noise = encoder_noise
         velocity_noise = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
         weights = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
-    return Motion(q, v, a, velocity_noise, noise * float(np.linalg.norm(weights)), weights)
+    acceleration_noise = noise * float(np.linalg.norm(weights))
+    return Motion(q, v, a, velocity_noise, acceleration_noise, weights, half_width)

@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.signals.differentiation import differentiate_position, find_near_reversals, limit_smoothing
+from estimators.signals.differentiation import differentiate_position, find_near_reversals
 from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, find_slowest, get_known_load, get_temperature
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.resolution import RESOLUTION
@@ -201,13 +201,12 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     """
     m, settings = max(2, round(half_width * recording.rate)), RESOLUTION.cut
     has_reversals = recording.known_inertia > 0 and half_width > HALF_WIDTHS[-1]
-    smoothing = limit_smoothing(recording, max(2, round(settings.smoothing * m)))
     window, load = make_bump(m), get_known_load(recording)
-    motion = differentiate_position(recording, window, smoothing)
+    motion = differentiate_position(recording, window, max(2, round(settings.smoothing * m)))
     v = motion.velocity
     speed = np.sqrt(np.convolve(v**2, window, "same")) if has_reversals else np.abs(v)
     moving = speed > max(find_slowest(v), settings.moving * motion.velocity_noise)
-    guard = m + 1 + smoothing // settings.shift  # smoothing may shift a zero of the velocity
+    guard = m + 1 + motion.half_width // settings.shift  # smoothing may shift a zero of the velocity
     mostly_moving = np.convolve(moving, window, "same") > settings.mostly
     near_stick = ~mostly_moving if has_reversals else find_near_reversals(v, moving, guard)
     is_excluded = np.zeros(len(v), dtype=bool)
