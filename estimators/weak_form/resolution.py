@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class CutSettings:
     """Smoothing of a recording and distance of its windows from stick."""
 
-    smoothing: float = 0.75  # longest smoothing of position [half windows]: less noise, shape of window kept
+    smoothing: float = 0.75  # longest half width of the smoothing of position [half windows]: shape of window kept
+    swing_smoothing: float = 0.3  # the same for long windows of a free swing, which include reversals
     shift: int = 3  # smoothing may shift a zero of the velocity by one over this [half widths of the smoothing]
     moving: float = 5.0  # least speed in motion [standard deviations of its noise]: the sign is known
     mostly: float = 0.5  # share of motion above which a window near stick turns, and below which it rests

@@ -64,10 +64,12 @@ def with_goals(recordings: list[Recording], is_held: bool) -> tuple[Recording, .
     return complete_drives(recordings, {"goal": "held" if is_held else "ramp"})
 
 
-def recorded(hidden: dict[str, dict[str, float]], **declared: Any) -> list[Recording]:
+def recorded(
+    hidden: dict[str, dict[str, float]], gains: tuple[float, ...] = (2.5, 5.0, 8.0), **declared: Any
+) -> list[Recording]:
     """Goals and positions of a servo whose controller looks a thousand times a second, logged at 125 Hz."""
     servo, found = {"counts": 4096, "torque_limit": 6.0, "control": "servo"}, []
-    for k, gain in enumerate((2.5, 5.0, 8.0)):
+    for k, gain in enumerate(gains):
         experiment = Experiment(1000.0, 8.0, "pd_loop", 0.5, 7 + k, gains=(gain, 0.0), **servo)
         (run,) = simulate([(Plant(*TRUE.values(), hidden), experiment)])
         drive = ServoDrive(output="torque", kp=gain, limit=6.0, rate=1000.0, **declared)
