@@ -19,6 +19,7 @@ from estimators.simulation.free_running import (
 )
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.contacts import ContactTest
+from estimators.weak_form.floors import compute_noise_floor
 from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.resolution import RESOLUTION
@@ -160,8 +161,8 @@ class RegressionData:
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion.
 
-        That of a pendulum is the root of its mean square, which includes the variance of the estimate: in motion that
-        does not determine the inertia, encoder noise may be as large.
+        That of a pendulum is the root of its mean square, which includes the variance of the estimate by noise: in
+        motion that does not determine the inertia, encoder noise may be as large.
         """
         links, data = base[0], self.data
         if links.id not in data.shared_columns:
@@ -175,7 +176,8 @@ class RegressionData:
             return data.base_inertia
         terms = (*base, GravityTilt()) if self.has_wrong_zero(base) else base
         fit = TorqueRows(data.free_windows).equations(terms).fit(data.free_windows.clusters)
-        return float(np.hypot(fit.theta[0], fit.std[0]))
+        floor = compute_noise_floor(data.windows, abs(float(fit.theta[0])))
+        return float(np.hypot(fit.theta[0], fit.compute_std_by_noise(floor)[0]))
 
     @cached_property
     def floors(self) -> dict[str, float]:

@@ -79,6 +79,10 @@ class Fit:
         """Root mean square residual, the paper's norm (10) [N m]."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
+    def compute_std_by_noise(self, floor: float) -> Array:
+        """Return the standard errors (P,) by noise alone, whose root mean square is `floor` [N m]."""
+        return self.std * min(1.0, floor / max(self.rms, 1e-300))
+
 
 def solve(equations: Equations, weights: Array, clusters: Index) -> Fit:
     """Solve weighted least squares, with standard errors from the spread between clusters of equations.

@@ -84,10 +84,9 @@ class Fits:
         if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
             return frozenset()
         model, fit = fit_terms(self.train, self.base)
-        inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
-        floor = next(iter(self.train.floors.values()))
-        noise = inertia.std * min(1.0, floor / max(rms, 1e-300))
-        return frozenset() if replace(inertia, std=noise).is_significant else frozenset({"inertia"})
+        noise = float(fit.compute_std_by_noise(next(iter(self.train.floors.values())))[0])
+        inertia = replace(model.estimates["inertia"], std=noise)
+        return frozenset() if inertia.is_significant else frozenset({"inertia"})
 
     def fit(self, terms: Terms, added: str | None = None) -> Step:
         """Return the step of adding the effect `added`: the fit of the terms to the training data, and its errors."""

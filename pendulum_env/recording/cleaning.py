@@ -272,10 +272,10 @@ def drop_initial_holds(log: Log) -> None:
     is_new = (np.diff(time) >= CLEANING.restart_gap) | (np.diff(log.values.get("segment", np.zeros(len(time)))) != 0)
     is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
     for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
-        release = float(time[rows[0]]) + _find_release(time[rows] - time[rows[0]], position[rows], equilibrium)
-        if release > time[rows[0]]:
+        own_time = time[rows] - time[rows[0]]
+        if release := _find_release(own_time, position[rows], equilibrium):
             log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
-            is_kept[rows] = time[rows] >= release
+            is_kept[rows] = own_time >= release
     log.keep_rows(is_kept)
 
 
