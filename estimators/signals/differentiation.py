@@ -10,12 +10,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import filter_savitzky_golay
-from pendulum_env.physics import SIGNIFICANT
 from pendulum_env.recording import Recording
 from pendulum_env.recording.rounding import find_least_change, list_changes
 
 FOURTH = {1: np.array([1.0, -4, 6, -4, 1]), 2: np.array([1.0, 0, -4, 0, 6, 0, -4, 0, 1])}  # differences, by step
 LARGER = float(np.log(1.25))  # largest excess of coarse differences over those of noise, in the logarithm
+REMOVED = 2.5  # largest difference of raw and smoothed position [standard deviations of noise]
 STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 
 
@@ -142,7 +142,7 @@ def smooth_position(recording: Recording, half_width: int, derivative: int = 0) 
 def smooth_to_noise(recording: Recording, longest: int, noise: float) -> tuple[Array, int]:
     """Smooth the position by the longest filter that removes noise alone; return it (N,) and the half width [samples].
 
-    The position differs from the smoothed one by at most 3 times the standard deviation `noise` [rad], by the median
+    The position differs from the smoothed one by at most `REMOVED` standard deviations, `noise` [rad], by the median
     over samples in motion: shorter parts may differ by more. The half width is from 2 to `longest` samples.
 
     Source: Morozov, Soviet Mathematics Doklady 7, 1966 (the discrepancy principle).
@@ -152,7 +152,7 @@ def smooth_to_noise(recording: Recording, longest: int, noise: float) -> tuple[A
     while True:
         smoothed = smooth_position(recording, half_width)
         removed = np.abs(position - smoothed)[find_near(moved, half_width)]
-        if half_width <= 2 or not len(removed) or np.median(removed) <= SIGNIFICANT * 0.6745 * noise:
+        if half_width <= 2 or not len(removed) or np.median(removed) <= REMOVED * 0.6745 * noise:
             return smoothed, half_width
         half_width = max(2, 3 * half_width // 4)
 
