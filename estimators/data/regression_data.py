@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from estimators.decisions.score import BLOCK
+from estimators.memoize import memoized
 from estimators.regression.balance import Balance
 from estimators.simulation.free_running import (
     Segments,
@@ -158,6 +159,7 @@ class RegressionData:
         positions = [w.recording.position for w in self.data.windows if w.at in list_loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
+    @memoized
     def inertias(self, base: Sequence[Term]) -> dict[str, float]:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion.
 
@@ -175,7 +177,9 @@ class RegressionData:
         if self.rollouts is not None or all(w.recording.known_inertia or w.inertia for w in data.windows):
             return data.base_inertia
         terms = (*base, GravityTilt()) if self.has_wrong_zero(base) else base
-        fit = TorqueRows(data.free_windows).equations(terms).fit(data.free_windows.clusters)
+        windows = data.free_windows
+        rows = self.torque if windows is self.data else TorqueRows(windows)
+        fit = rows.equations(terms).fit(windows.clusters)
         floor = compute_noise_floor(data.windows, abs(float(fit.theta[0])))
         return float(np.hypot(fit.theta[0], fit.compute_std_by_noise(floor)[0]))
 
