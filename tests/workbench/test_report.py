@@ -204,6 +204,15 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])
 
 
+def test_the_larger_a_mean_the_darker_its_stretch():
+    time = np.arange(4000) * 0.005
+    x = Samples(time, np.sin(time), np.cos(time), np.zeros(4000))
+    bumps = 0.1 * ((time > 4) & (time < 6)) + 0.4 * ((time > 12) & (time < 14))
+    drawn = plot_profile([("base model", "--base")], compute_profiles(x, bumps, 0.01, ["time"]), 0.5)
+    early, late = (max(s["opacity"] for s in drawn.layout["shapes"] if s["x0"] < at < s["x1"]) for at in (5, 13))
+    assert 0 < early < 0.5 < late == 1
+
+
 def read_plot(figure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Points x and y, band and shade (whether a stripe covers the point) of each curve of a plot of failures."""
     bands = [trace for trace in figure.data if trace.get("fill")]

@@ -17,6 +17,7 @@ from workbench.app import uploads
 from workbench.app.card import ColumnCard
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.state import LoadedRecording, State
+from workbench.app.uploads import guess_role
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
 from workbench.robot import open_robot_file
@@ -232,8 +233,11 @@ class Session:
 
     def add_recordings(self, *loaded: LoadedRecording) -> None:
         """Add recordings to the state, and remove its fits."""
-        names = ", ".join(item.recording.name for item in loaded)
-        self.change(f"load {names}", self.state.restart(loaded=(*self.state.loaded, *loaded)))
+        names, earlier = ", ".join(item.recording.name for item in loaded), self.state.loaded
+        if any(item.source.role == guess_role(item.source.file.name) == "fit" for item in loaded):
+            if all(guess_role(item.source.file.name) == "holdout" for item in earlier):  # fitted in want of others
+                earlier = tuple(replace(item, source=replace(item.source, role="holdout")) for item in earlier)
+        self.change(f"load {names}", self.state.restart(loaded=(*earlier, *loaded)))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""

@@ -39,6 +39,7 @@ TITLES = {  # name and symbol of an axis
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 FIRST = 3  # number of regions above the fold
+FAINT = 0.25  # opacity of the stripe of a region without a residual; that of the largest is 1
 HALF = 0.5  # share of the residual from which a dependence on one quantity explains it
 
 DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
@@ -70,7 +71,7 @@ def make_failures(case: ReportData) -> Section:
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
         f"the noise floor ({REGIONS.z_limit:g} standard errors{least}). A shaded stretch is where the mean of a bin "
-        f"leaves its band. Means share one scale{remark}."
+        f"leaves its band, the darker the larger. Means share one scale{remark}."
     )
     content: list[Any] = [scales, make_legend(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
     content += strips[0].content if body.can_simulate else strips
@@ -153,7 +154,12 @@ def plot_profile(
     runs = [find_runs(profile) if not has_dots else [] for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
-    shapes = [draw_stripe(locate_region(r, joint, k), *look) for k, look in kinds for r in runs[k]]
+    largest = max((abs(r.residual) for k, _ in kinds for r in runs[k]), default=0.0)
+    shapes = [
+        {**draw_stripe(locate_region(r, joint, k), *look), "opacity": FAINT + (1 - FAINT) * abs(r.residual) / largest}
+        for k, look in kinds
+        for r in runs[k]
+    ]
     own = max(measure_reach(profile.mean, profile.band) for profile in profiles)
     height = [0, own] if first.is_spectrum else [-reach, reach]
     layout: JSON = {

@@ -437,6 +437,8 @@ def test_names_decide_on_roles_and_the_order_of_an_upload_does_not_matter(tmp_pa
     alone = Session(tmp_path / "alone")
     drop(alone, tmp_path / "a.holdout.csv")
     assert not alone.state.loaded[0].held_out  # something must be fitted
+    drop(alone, tmp_path / "a.train.csv")
+    assert [item.held_out for item in alone.state.loaded] == [True, False]  # until another is there
 
 
 @pytest.mark.parametrize("content", [b"hello world\nthis is text\n", b"time\n0\n1\n2\n", b"a,b\nx,y\nz,w\n"])

@@ -1,5 +1,6 @@
 """Load recordings, plot them, and show which parameters they determine."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -100,7 +101,7 @@ def _show_row(loaded: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
     ]
     return (
         [
-            html.Strong(label),
+            html.Strong([part for word in re.split(r"(?<=[._-])", label) for part in (word, html.Wbr())]),
             *(html.Div(capitalise(describe_note(note)), className="note") for note in recording.notes),
             columns,
         ],

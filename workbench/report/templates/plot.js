@@ -163,13 +163,21 @@ const figures = (() => {
     }
   }
 
-  // A plot is drawn when it comes near the screen, and all of them before printing.
+  // A plot is drawn when it comes near the screen, one in each frame, and all of them before printing.
+  const near = [];
+  function drawNext() {
+    const plot = near.shift();
+    if (plot?.isConnected && !drawn.has(plot)) draw(plot);
+    if (near.length) requestAnimationFrame(() => setTimeout(drawNext));
+  }
   const observer = new IntersectionObserver((entries) => {
+    const isIdle = !near.length;
     for (const { isIntersecting, target } of entries) {
       if (!isIntersecting) continue;
       observer.unobserve(target);
-      if (!drawn.has(target)) draw(target);
+      near.push(target);
     }
+    if (isIdle) drawNext();
   }, { rootMargin: "800px" });
 
   function watch(place) {
