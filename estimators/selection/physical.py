@@ -51,8 +51,8 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
 def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
     """Return failed gates of inertia and friction of the terms at one joint with samples `x`.
 
-    Dry friction is too large if it exceeds the largest torque that acts on the joint: the recorded torque less that of
-    load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
+    Dry friction at rest is too large if it significantly exceeds the largest torque that acts on the joint: the recorded
+    torque less that of load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
     than the range between them. Friction accelerates if its power in a sample is negative by more than 3 standard
     errors. The power of friction is not tested at a coupled joint, dry friction not with links.
     """
@@ -69,7 +69,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     driving = [(LOAD, 1.0), *((column, value) for term, column, value in parts if _drives_joint(term))]
     driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
-    dry = _compute_dry_friction_over_turn([part[1:] for part in friction if not part[1].of_torque], x).max()
+    dry = _bound_dry_friction(model, [column for _, column, _ in friction if not column.of_torque], x)
     gates += _find_pushing_springs(model, x)
     for lower, upper in (term.ends for term in model.terms if term.ends is not None):
         lowest, highest = float(x.position.min()), float(x.position.max())
@@ -79,7 +79,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
             gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
     if dry > limit and x.torque.any() and not is_arm:
-        gates.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
+        gates.append(Gate("dry_friction", dry, limit, False, model.units().unit("N m")))
     return gates
 
 
@@ -141,15 +141,15 @@ def _drives_joint(term: Term) -> bool:
     return term.kind in ("potential", "time-varying") and term.ends is None and not _is_friction(term)
 
 
-def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
-    """Return the dry friction of columns with their parameters at angles over one turn (48,) [N m].
+def _bound_dry_friction(model: Model, friction: Sequence[Column], x: Samples) -> float:
+    """Return the largest dry friction of columns at rest, at angles over one turn, less 3 standard errors [N m].
 
-    Speed and time are the medians of the recording.
+    The time is the median of the samples. A joint that has moved was at rest before.
     """
     zeros = np.zeros_like(CIRCLE)
-    speed, time = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
-    turn = Samples(zeros + time, CIRCLE, zeros + speed, zeros)
-    return sum((value * (column.dry(turn) + zeros) for column, value in parts), zeros)
+    turn = Samples(zeros + float(np.median(x.time)), CIRCLE, zeros, zeros)
+    total, std = _sum_with_error(model, friction, [column.dry(turn) for column in friction], turn)
+    return float((total - SIGNIFICANT * std).max())
 
 
 def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
