@@ -29,8 +29,8 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
-OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
-OUTPUT_ERROR_DAMPING = 1e-6  # damping of this step
+OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of the least damped step
+OUTPUT_ERROR_DAMPINGS = (1e-6, 1e-3, 0.1, 3.0)  # of Gauss-Newton steps; collinear parameters need large ones
 OUTPUT_ERROR_ITERATIONS = 12  # largest number of Gauss-Newton steps
 OUTPUT_ERROR_DIFFERENCE = 1e-4  # relative change of a parameter for derivatives; larger ones cross events of stick
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
@@ -143,12 +143,13 @@ def minimise(errors_of: ErrorsOf, start: Point) -> Point:
         size = np.maximum(np.abs(values), smallest)
         # a parameter of zero needs an absolute step
         longest = np.where(size > smallest, 0.5, MAX_STEP_FROM_ZERO / smallest)
-        step = np.clip(steps[0], -longest, longest) * size
-        points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR_SHARES]
+        first, *damped = (np.clip(step, -longest, longest) * size for step in steps)
+        moves = [share * first for share in OUTPUT_ERROR_SHARES] + damped
+        points = [local.known.with_values(values + move) for move in moves]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
     return gauss_newton(
-        start, linearise, choose_step, StopRule(OUTPUT_ERROR_ITERATIONS, (OUTPUT_ERROR_DAMPING,), by_offset=True)
+        start, linearise, choose_step, StopRule(OUTPUT_ERROR_ITERATIONS, OUTPUT_ERROR_DAMPINGS, by_offset=True)
     )
 
 
