@@ -17,7 +17,7 @@ from estimators.decisions.score import Bootstrap
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import TriedTreatment
-from estimators.findings import Finding, Quantity
+from estimators.findings import Finding, Quantity, withhold_everything
 from estimators.selection.evidence import Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, HAVE_INERTIA, SWAP, TIE
 from pendulum_env.physics import Term, has_link
@@ -179,8 +179,8 @@ def align_with_effects(trial: Trial) -> FitData | None:
     A dead time after the correction of a delay is the excess of this delay, and shortens it. Other effects may have
     been found because torque is late: it is timed under the fewest of them, see `_time_by_fewest`.
 
-    None if this was done, if torque is kept as logged, if the timing agrees, or if it contradicts the one beside nearly
-    any law: the few columns of a wrong model may hide a delay, or imitate one.
+    None if this was done, if torque is kept as logged, if no parameter is determined, if the timing agrees, or if it
+    contradicts the one beside nearly any law: the few columns of a wrong model may hide a delay, or imitate one.
     """
     data, model, effects = trial.data, trial.result.steps[-1].model, trial.effects
     dead_times = [term for term in effects if isinstance(term, DeadTime) and data.timing.is_late_at(term.at)]
@@ -190,7 +190,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     for term in dead_times:
         if all(term.id not in treatment.effects for treatment in done):
             return data.with_shorter_delay(term.at, model.estimates[term.get_full_name("dead_time")], effects)
-    if done:
+    if done or withhold_everything(trial.doubts):
         return None
     timed = _time_by_fewest(data, effects, data.with_timing(effects))
     return None if data.timing.contradicts(timed.timing) or timed.timing.agrees(data.timing) else timed

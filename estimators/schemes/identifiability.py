@@ -125,12 +125,13 @@ def find_undetermined(
     if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
         doubts.append(Undetermined(Gap.TORQUE_IS_NOISE, tuple(names), Quantity(mean, unit=units.unit(NEWTON_METRE))))
-    has_friction = any(column.dry is return_one for column in unknown)
     known_torque = rows.phi[:, ~is_unknown] @ np.array([column.least for column in columns if column.is_known])
-    size = _find_size_by_direction(rows.torque - known_torque, rows.velocity)
-    if has_friction and size is not None and not (doubts or is_free):
-        torque = Quantity(size, unit=units.unit(NEWTON_METRE))
-        doubts.append(Undetermined(Gap.TORQUE_FOLLOWS_DIRECTION, tuple(names), torque))
+    friction = next((k for k, column in enumerate(columns) if column.dry is return_one and is_unknown[k]), None)
+    if friction is not None and not (doubts or is_free):
+        size = _find_size_of_friction(rows.torque - known_torque, rows.phi[:, friction])
+        if size is not None:
+            torque = Quantity(size, unit=units.unit(NEWTON_METRE))
+            doubts.append(Undetermined(Gap.TORQUE_FOLLOWS_DIRECTION, tuple(names), torque))
     moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
     forwards = float(np.mean((moving if len(moving) else rows.velocity) > 0))
     constant = [column for column in columns if column.is_constant]  # a known one determines the others
@@ -294,15 +295,14 @@ def is_determined(estimate: Estimate, large: float) -> bool:
     return estimate.is_significant or estimate.std <= large
 
 
-def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
-    """Find the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
+def _find_size_of_friction(torque: Array, friction: Array) -> float | None:
+    """Find the size of dry friction that explains a torque (N,) [N m] alone, else None; `friction` is its column (N,).
 
     With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0, unless
     f is known.
     """
-    direction = np.sign(velocity)
-    size = float(direction @ torque / (direction @ direction))
-    residual = torque - size * direction
+    size = float(friction @ torque / (friction @ friction))
+    residual = torque - size * friction
     return abs(size) if residual @ residual <= ONE_SIZE_RESIDUAL**2 * (torque @ torque) else None
 
 
