@@ -161,15 +161,17 @@ def wrap_angles(position: Array) -> Array:
 
 
 def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
-    """Return the profile of a residual (R,) [N m] over `values` (R,), in bins of equal count.
+    """Return the profile of a residual (R,) [N m] over `values` (R,), in bins of about equal count.
 
     The number of bins follows the data, see `_choose_bins`; over time it is fixed, as the spectrum shows fast changes.
-    `axis` is a key of `AXES`, and `noise` the standard deviation of each residual by noise alone [N m]. Angles of a
-    joint that makes whole turns are wrapped to one turn.
+    No bin has velocities of both directions. `axis` is a key of `AXES`, and `noise` the standard deviation of each
+    residual by noise alone [N m]. Angles of a joint that makes whole turns are wrapped to one turn.
     """
     is_wrapped = axis == "position" and makes_whole_turns(values)
     values, unit = (wrap_angles(values), WITHIN) if is_wrapped else (np.asarray(values), AXES[axis])
     edges = _choose_bins(values, residual, REGIONS.bins if axis == "time" else REGIONS.most_bins)
+    if axis == "velocity" and edges[1] < 0 < edges[-2]:  # friction has the opposite sign on the other side
+        edges[np.argmin(np.abs(edges))] = 0.0
     mean, counts = _average_bins(values, residual, edges)
     return Profile(axis, unit, edges, mean, noise / np.sqrt(counts))
 

@@ -120,10 +120,14 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def readable(self) -> dict[str, Estimate]:
-        """Return the estimates for display, with the largest value of a table in place of its coefficients."""
+        """Return the estimates for display, with the largest value of a table in place of its coefficients.
+
+        Nonlinear parameters that follow a parameter of another term are left out.
+        """
         tables = self.tables
-        entries = {column.name for term, _ in tables.values() for column in term.columns}
-        readable = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
+        hidden = {column.name for term, _ in tables.values() for column in term.columns}
+        hidden |= {term.get_full_name(p.name) for term in self.terms for p in term.nonlinear_parameters if p.follows}
+        readable = {name: estimate for name, estimate in self.estimates.items() if name not in hidden}
         for id, (term, curve) in tables.items():
             k = int(np.argmax(np.abs(curve.value)))
             entry, value, std = self.estimates[term.columns[0].name], float(curve.value[k]), float(curve.std[k])

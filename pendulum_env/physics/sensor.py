@@ -27,7 +27,7 @@ class EncoderEccentricity(Term):
     order: float = 1.0
 
     id = "encoder_eccentricity"
-    law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin Nq + c cos Nq)"
+    law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin Nq + c cos Nq) (usually N = 1)"
     kind = "sensor"
     is_decentralised = False
     is_revolute_only = True

@@ -28,6 +28,7 @@ from workbench.narrator.findings import (
     describe_reason,
 )
 
+NO_EXPERIMENT = "No experiment is suggested."
 CLOSE = 0.01  # largest error in the loop of a useful model, relative to the range of the motion
 WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
 SIGNIFICANT = 3.0  # smallest significant size of a table [standard errors]
@@ -255,7 +256,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if hidden:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings cannot show {name_effects(hidden, 'or')}, whatever the size: record {experiments}."
-    return "No experiment is suggested."
+    return NO_EXPERIMENT
 
 
 def list_advice(diagnosis: Diagnosis) -> list[str]:

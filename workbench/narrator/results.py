@@ -109,11 +109,10 @@ def narrate_unexplained(diagnosis: Diagnosis) -> list[Part]:
 
 def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the next step and all remarks; without a search, with the advice."""
-    texts = (
-        (narration.describe_next_step(diagnosis), *narration.list_remarks(diagnosis))
-        if diagnosis.candidates
-        else tuple(narration.list_advice(diagnosis))
-    )
+    texts = tuple(narration.list_advice(diagnosis))
+    if diagnosis.candidates:
+        step, remarks = narration.describe_next_step(diagnosis), narration.list_remarks(diagnosis)
+        texts = tuple(text for text in (step, *remarks) if text != narration.NO_EXPERIMENT or not remarks)
     return [Part(NEXT, [texts])] if texts else []
 
 

@@ -23,7 +23,7 @@ PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-o
 SIGMAS = 2.0  # half width of bands [standard errors]
 SETTLED = 0.25  # share of the time after which estimates set the plot's range
 FRAME = 0.6  # share of the plot's height for these estimates
-TICKS = [digit * 10.0**power for power in range(-9, 6) for digit in (1, 2, 5)]  # of errors
+TICKS = [digit * 10.0**power for power in range(-9, 6) for digit in (1, 2, 3, 5, 7)]  # of errors
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
@@ -57,7 +57,7 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
     named = {"tickvals": x.tolist(), "ticktext": names, "ticklabeloverflow": "allow", "range": ends.tolist()}
     layout = {
         "xaxis": make_axis("", **named, showgrid=False, zeroline=False),
-        "yaxis": make_axis(title, type="log", tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS]),
+        "yaxis": make_axis(f"{title}, log scale", type="log", tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS]),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 

@@ -7,7 +7,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
 from estimators.identification import identify
 from estimators.regression.least_squares import IdentificationError
-from estimators.schemes.identifiability import Gap, Undetermined, find_undetermined
+from estimators.schemes.identifiability import ClearRows, Gap, Undetermined, find_undetermined
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.physics.limits import limit_term
@@ -147,6 +147,11 @@ def test_torque_of_one_size_determines_only_ratios():
     assert (
         not found.selected and not found.unexplained and all(own.is_unknown for own in found.model.estimates.values())
     )
+    x = measure(run)
+    phi = np.random.default_rng(0).normal(size=(40, 4))
+    phi[:, 3] = np.linspace(-1, 1, 40)  # windows that turn have averages of the direction
+    averaged = ClearRows(np.sign(phi[:, 3]), 2.6 * phi[:, 3], phi)
+    assert [one.gap for one in find_undetermined([x], BASE, rows=averaged)] == [Gap.TORQUE_FOLLOWS_DIRECTION]
     small = driven(1.8 * switching / 2.6)  # a second size, or a known parameter, gives the scale
     two_sizes = identify([run, small])["dynamic"].model
     for name, value in THETA.items():

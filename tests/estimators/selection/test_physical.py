@@ -65,6 +65,18 @@ def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     assert find_violations(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
+def test_friction_at_rest_is_bounded_though_no_sample_is_at_rest():
+    """A joint that has moved was at rest before; how far a law is extrapolated to it does not matter."""
+    x = swinging()
+    moving = np.abs(x.velocity) > 0.1
+    clear = Samples(*(values[moving] for values in (x.time, x.position, x.velocity, x.torque)))
+    slow, theta = effect("stribeck")(stribeck_velocity=0.01), [0.1, 2.0, 0.01, 0.3]
+    assert find_violations(Model.build([*BASE, slow], [*theta, 0.5], 0.01), {"": clear}) == []
+    (violated,) = find_violations(Model.build([*BASE, slow], [*theta, 1e40], [0.01] * 4 + [1e39]), {"": clear})
+    assert violated.name == "dry_friction"
+    assert find_violations(Model.build([*BASE, slow], [*theta, 5.0], [0.01] * 4 + [2.0]), {"": clear}) == []
+
+
 def test_only_the_sum_of_friction_that_changes_with_time_has_to_be_possible():
     terms = [*BASE, effect("friction_drift")(3000.0)]  # nearly a straight line over 10 s
     assert find_violations(Model.build(terms, [0.1, 2.0, 0.01, 50.0, 0.0, -49.8]), {"": swinging()}) == []

@@ -157,6 +157,13 @@ def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
         assert found.error[k] == pytest.approx(NOISE / np.sqrt(inside.sum()))
 
 
+def test_no_bin_has_both_directions():
+    """A residual of the sign of the velocity has its size in each bin."""
+    velocity = motion().velocity + 1.3
+    profile = compute_profile("velocity", velocity, 0.1 * np.sign(velocity), NOISE)
+    assert np.abs(profile.mean) == pytest.approx(0.1)
+
+
 def test_the_spectrum_reads_amplitudes_though_samples_are_missing():
     x = motion()
     kept = np.random.default_rng(0).random(1500) < 0.4

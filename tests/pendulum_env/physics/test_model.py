@@ -180,3 +180,9 @@ def test_a_model_at_other_values_has_them_in_estimates_and_terms():
     for wrong in ({"gravty": 1.0}, {"inertia": 0.0}, {"gravity": np.nan}):
         with pytest.raises(ValueError, match=r"did you mean gravity|cannot be"):
             model.with_values(wrong)
+
+
+def test_parameters_that_follow_others_are_not_shown_twice():
+    model = Model.build([*BASE, effect("encoder_eccentricity")()], [0.1, 2.0, 0.1, 0.1, 0.01, 0.02])
+    names = {"inertia", "gravity", "viscous", "coulomb", "encoder_eccentricity.sin", "encoder_eccentricity.cos"}
+    assert set(model.readable) == names < set(model.estimates)

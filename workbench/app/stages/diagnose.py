@@ -37,7 +37,7 @@ def show(session: Session) -> list[Component]:
     search = make_panel(
         "Search for what is missing",
         html.P(
-            "Every effect of the library is tried, of an arm at every joint. An effect is missing if it lowers "
+            "The effects of the library are tried, of an arm at every joint. An effect is missing if it lowers "
             "the errors on held-out data, in torque and, of a pendulum, in free-running simulation."
         ),
         show_choices(state, is_open=state.choices != NO_CHOICES or bool(session.notice)),
