@@ -144,12 +144,13 @@ def _drives_joint(term: Term) -> bool:
 def _bound_dry_friction(model: Model, friction: Sequence[Column], x: Samples) -> float:
     """Return the largest dry friction of columns at rest, at angles over one turn, less 3 standard errors [N m].
 
-    The time is the median of the samples. A joint that has moved was at rest before.
+    The time is the median of the samples. A joint that has moved was at rest before. An infinite standard error,
+    that of a column that hardly acts in the samples, counts as zero.
     """
     zeros = np.zeros_like(CIRCLE)
     turn = Samples(zeros + float(np.median(x.time)), CIRCLE, zeros, zeros)
     total, std = _sum_with_error(model, friction, [column.dry(turn) for column in friction], turn)
-    return float((total - SIGNIFICANT * std).max())
+    return float((total - SIGNIFICANT * np.where(np.isfinite(std), std, 0.0)).max())
 
 
 def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:

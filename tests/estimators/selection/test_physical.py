@@ -72,8 +72,9 @@ def test_friction_at_rest_is_bounded_though_no_sample_is_at_rest():
     clear = Samples(*(values[moving] for values in (x.time, x.position, x.velocity, x.torque)))
     slow, theta = effect("stribeck")(stribeck_velocity=0.01), [0.1, 2.0, 0.01, 0.3]
     assert find_violations(Model.build([*BASE, slow], [*theta, 0.5], 0.01), {"": clear}) == []
-    (violated,) = find_violations(Model.build([*BASE, slow], [*theta, 1e40], [0.01] * 4 + [1e39]), {"": clear})
-    assert violated.name == "dry_friction"
+    for std in (1e39, np.inf):
+        (violated,) = find_violations(Model.build([*BASE, slow], [*theta, 1e40], [0.01] * 4 + [std]), {"": clear})
+        assert violated.name == "dry_friction"
     assert find_violations(Model.build([*BASE, slow], [*theta, 5.0], [0.01] * 4 + [2.0]), {"": clear}) == []
 
 
