@@ -20,7 +20,8 @@ QUICK = {  # numbers with their rows
     107: "decimals", 108: "speed alone", 110: "load sensor", 111: "actuator noise", 116: "value fixed",
     117: "Unix clock", 118: "split", 119: "renamed", 120: "as it is", 121: "Unix clock", 122: "split",
 }  # fmt: skip
-SLOW_SWEEPS = {22: "torque filtered", 59: "renamed"}  # of another seed: a coarse encoder under a controller
+# of other seeds: a coarse encoder under a controller
+SLOW_SWEEPS = {(490, 22): "torque filtered", (490, 59): "renamed", (57001, 22): "torque late", (57001, 43): "other zero"}
 
 
 def read_files(folder, *names):
@@ -111,10 +112,17 @@ def test_a_retold_log_has_the_same_result(number, row):
     assert own.row == row and own.outcome in ("right", "asked"), own
 
 
-@pytest.mark.parametrize(("number", "row"), SLOW_SWEEPS.items())
-def test_a_slow_sweep_without_effect_has_none(number, row):
-    own = judge_number(number, 490)
-    assert (own.row, own.motion, own.outcome) == (row, "slow sweep", "right"), own
+@pytest.mark.parametrize(("source", "row"), SLOW_SWEEPS.items())
+def test_a_slow_sweep_without_effect_has_none(source, row):
+    seed, number = source
+    own = judge_number(number, seed)
+    assert (own.row, own.motion, own.named) == (row, "slow sweep", "nothing") and own.outcome in ("right", "asked"), own
+
+
+def test_a_stop_is_no_friction_without_limit_at_rest():
+    """A joint that stands at its stop has no window of low speed, over which a Stribeck law is extrapolated."""
+    own = judge_number(11, 57001)
+    assert (own.row, own.motion, own.outcome) == ("idle", "standing", "right"), own
 
 
 def test_steps_between_the_rows_of_a_log_are_no_effect():
