@@ -21,7 +21,9 @@ QUICK = {  # numbers with their rows
     117: "Unix clock", 118: "split", 119: "renamed", 120: "as it is", 121: "Unix clock", 122: "split",
 }  # fmt: skip
 # of other seeds: a coarse encoder under a controller
-SLOW_SWEEPS = {(490, 22): "torque filtered", (490, 59): "renamed", (57001, 22): "torque late", (57001, 43): "other zero"}
+SLOW_SWEEPS = {
+    (490, 22): "torque filtered", (490, 59): "renamed", (57001, 22): "torque late", (57001, 43): "other zero",
+}  # fmt: skip
 
 
 def read_files(folder, *names):
