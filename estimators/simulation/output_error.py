@@ -30,7 +30,7 @@ from pendulum_env.physics import Model
 
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
 OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of the least damped step
-OUTPUT_ERROR_DAMPINGS = (1e-6, 1e-3, 0.1, 3.0)  # of Gauss-Newton steps; collinear parameters need large ones
+OUTPUT_ERROR_DAMPINGS = (1e-6, 1e-3, 0.1, 3.0)  # of Gauss-Newton steps; the larger ones only if the start stays
 OUTPUT_ERROR_ITERATIONS = 12  # largest number of Gauss-Newton steps
 OUTPUT_ERROR_DIFFERENCE = 1e-4  # relative change of a parameter for derivatives; larger ones cross events of stick
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
@@ -132,7 +132,10 @@ def fit_segments(segments: Sequence[Segments], start: Point, filters: Filters = 
 
 
 def minimise(errors_of: ErrorsOf, start: Point) -> Point:
-    """Minimise the sum of squared errors by Gauss-Newton from a point."""
+    """Minimise the sum of squared errors by Gauss-Newton from a point.
+
+    If no step from there lowers it, larger dampings follow: between nearly collinear parameters, steps are too long.
+    """
 
     def linearise(point: Point) -> LocalErrors[Point]:
         error, slopes = compute_slopes(errors_of, point)
@@ -148,9 +151,12 @@ def minimise(errors_of: ErrorsOf, start: Point) -> Point:
         points = [local.known.with_values(values + move) for move in moves]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(
-        start, linearise, choose_step, StopRule(OUTPUT_ERROR_ITERATIONS, OUTPUT_ERROR_DAMPINGS, by_offset=True)
-    )
+    for dampings in (OUTPUT_ERROR_DAMPINGS[:1], OUTPUT_ERROR_DAMPINGS):
+        rule = StopRule(OUTPUT_ERROR_ITERATIONS, dampings, by_offset=True)
+        end = gauss_newton(start, linearise, choose_step, rule)
+        if end is not start:
+            break
+    return end
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

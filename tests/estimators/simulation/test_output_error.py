@@ -28,13 +28,13 @@ def test_a_wrong_start_leads_to_the_true_parameters():
     assert point.theta == pytest.approx(list(TRUTH.values()), rel=3e-3)
 
 
-@pytest.mark.parametrize("excitation", ["triangle", "pd_loop", "two_tone"])
-@pytest.mark.parametrize("factors", [(1.2, 1.0, 0.2, 1.2), (0.8, 1.0, 2.5, 0.3)])
-def test_friction_far_from_the_truth_is_left_although_viscous_and_dry_friction_nearly_act_alike(excitation, factors):
+@pytest.mark.parametrize("excitation", ["triangle", "two_tone"])
+def test_friction_far_from_the_truth_is_left_although_viscous_and_dry_friction_nearly_act_alike(excitation):
     plant = Plant(**TRUTH)
     run = recorded(plant, Experiment(excitation=excitation, rate=500.0, seconds=8.0, seed=3, counts=16_384))
     segments, truth = RegressionData.from_recordings(run).segments, np.array(list(TRUTH.values()))
-    ends = [output_error.fit_segments(segments, Point(BASE, truth * start)) for start in (np.ones(4), factors)]
+    starts = truth, truth * [1.2, 1.0, 0.2, 1.2]
+    ends = [output_error.fit_segments(segments, Point(BASE, start)) for start in starts]
     errors = [output_error.compute_rms(segments, end) for end in ends]
     assert errors[1] < 1.05 * errors[0]
     assert ends[1].theta == pytest.approx(ends[0].theta, rel=0.01)
