@@ -15,6 +15,10 @@ class RecordingError(UserError):
     """Recording that cannot be used."""
 
 
+class MotionlessError(RecordingError):
+    """Recording of a joint at rest; other recordings of the joint can be used without it."""
+
+
 class ColumnError(RecordingError):
     """Columns with an unknown meaning, or one that contradicts the data; the user must give it."""
 

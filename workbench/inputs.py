@@ -13,6 +13,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.preparation import find_preparation
 from estimators.decisions.criterion import Criterion
 from estimators.free_swings import find_known_values
+from pendulum_env.errors import MotionlessError
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
 from pendulum_env.physics.joints import list_base_terms
@@ -70,14 +71,26 @@ def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source,
     return read_sources(name)
 
 
-def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
-    """Read recordings, and print their summaries and notes."""
-    recordings = []
+def read_all(
+    sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]
+) -> list[tuple[Source, Logged]]:
+    """Read recordings, and print their summaries and notes; return each with its source.
+
+    A recording of a joint at rest is left out, with a warning, if another one with the role "fit" has motion.
+    """
+    pairs, motionless = [], []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
-            recordings.append(read(source))
-    counts = Counter(note for recording in recordings for note in dict.fromkeys(_collect_notes(recording)))
-    for source, recording in zip(sources, recordings, strict=True):
+            try:
+                pairs.append((source, read(source)))
+            except MotionlessError as error:
+                motionless.append(error)
+    if motionless and not any(source.role == "fit" for source, _ in pairs):
+        raise motionless[0]
+    for refusal in motionless:
+        terminal.print(f"{WARNING}{refusal}; the recording is left out", style="yellow")
+    counts = Counter(note for _, recording in pairs for note in dict.fromkeys(_collect_notes(recording)))
+    for source, recording in pairs:
         terminal.print(f"{source.file}: {recording.summary}")
         if source.format_source:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
@@ -88,8 +101,8 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
                 _print_note(note, terminal)
     for note, count in counts.items():
         if count > 1:
-            _print_note(f"{note} ({count} of {len(recordings)} recordings)", terminal)
-    return recordings
+            _print_note(f"{note} ({count} of {len(pairs)} recordings)", terminal)
+    return pairs
 
 
 def _collect_notes(recording: Recording) -> list[str]:
@@ -129,7 +142,7 @@ class Inputs:
         """Read further recordings or studies in the log format of the model."""
         sources = [source for name in names for source in read_source_names(name, arguments)]
         formatted_sources = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
-        return read_all(formatted_sources, terminal, self.read)
+        return [recording for _, recording in read_all(formatted_sources, terminal, self.read)]
 
     def convert(self, terminal: Terminal, align: bool) -> FitData:
         """Convert torque to the unit of the model, and report its timing."""
@@ -169,12 +182,16 @@ def open_sources(
         return _open_arm(arguments, sources, path, terminal)
     model = read_model(path) if path else Model()
     sources = tuple(apply_log_format(source, model.log_format, path) for source in sources)
-    recordings = read_all([source for source in sources if holdout or source.role == "fit"], terminal, Source.read)
-    n_fitted = sum(source.role == "fit" for source in sources)
+    pairs = read_all([source for source in sources if holdout or source.role == "fit"], terminal, Source.read)
     for name, (low, high) in collect_limits(model.terms).items():
         range_text = f"is fixed at {low:g}" if low == high else f"lies from {low:g} to {high:g}"
         terminal.print(f"{path}: {name} {range_text}, as given when the model was fitted")
-    return Inputs(model, recordings[:n_fitted], recordings[n_fitted:])
+    return Inputs(model, _select_role(pairs, "fit"), _select_role(pairs, "holdout"))
+
+
+def _select_role(pairs: Sequence[tuple[Source, Logged]], role: str) -> list[Logged]:
+    """Return the recordings whose sources have a role."""
+    return [recording for source, recording in pairs if source.role == role]
 
 
 def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitData:
@@ -202,14 +219,14 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     requested = make_robot(arguments, sources, saved)
     robot = requested.keep_logged_joints(sources)
     robot.body()  # report errors in the robot file first
-    recordings = read_all(sources, terminal, robot.read)
+    pairs = read_all(sources, terminal, robot.read)
+    recordings = [recording for _, recording in pairs]
     body = robot.body(saved.held) if saved.held else robot.hold_joints(recordings)
     if robot is not requested:
         terminal.print("joints without columns of torque in the log are held; --joints names those that move")
     report_held(robot, body, recordings, terminal)
     model = load_model(body, path) if path else complete_model(body, Model(list_base_terms(body)))
-    n_fitted = sum(source.role == "fit" for source in sources)
-    return Inputs(model, [*recordings[:n_fitted]], [*recordings[n_fitted:]], robot.read)
+    return Inputs(model, [*_select_role(pairs, "fit")], [*_select_role(pairs, "holdout")], robot.read)
 
 
 def make_body(arguments: argparse.Namespace) -> Mechanism:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from pendulum_env._typing import Array, Index
-from pendulum_env.errors import ColumnError, RecordingError
+from pendulum_env.errors import ColumnError, MotionlessError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_radians, suspect_unit
 from pendulum_env.recording.cleaning import WRAPPED_RANGE
 from pendulum_env.recording.clock import STEPS, list_plausible_units
@@ -171,7 +171,7 @@ def _suggest_time_unit(period: float, origin: Origin) -> str:
 def refuse_motionless(position: Array) -> None:
     """Refuse a position that never changes."""
     if (position == position[0]).all():
-        raise RecordingError(
+        raise MotionlessError(
             f"position is {position[0]:.6g} rad in every row, so nothing can be learned: check the encoder, "
             "or record the joint in motion"
         )

@@ -98,6 +98,16 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, run_command):
     assert "inertia [kg]" in out and "gravity [N]" in out  # of a joint that slides
 
 
+def test_a_recording_at_rest_is_left_out_beside_one_with_motion(runs, run_command, capsys):
+    rows = [f"{k / 200},0.05,{0.02 * np.sin(k / 50):.5f}" for k in range(800)]
+    Path("rest.csv").write_text("\n".join(["time,position,torque", *rows]))
+    run_command("compare base.json rest.csv train.csv --json both.json")
+    run_command("compare base.json train.csv --json moving.json")
+    assert held("both.json") == held("moving.json")
+    assert main(["identify", "rest.csv"]) == 2
+    assert "rest.csv" in capsys.readouterr().err
+
+
 def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, run_command):
     out = run_command("compare base.json train.csv holdout.csv --json c.json --report c.html")
     assert "\x1b" not in out  # plain where nobody watches

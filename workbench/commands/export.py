@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if sources:
         sources = tuple(apply_log_format(source, model.log_format, arguments.model) for source in sources)
         read = Source.read if arguments.robot is None else make_robot(arguments, sources, saved).read
-        recordings = tuple(read_all(sources, terminal, read))
+        recordings = tuple(recording for _, recording in read_all(sources, terminal, read))
         if model.mechanism.can_simulate:
             recordings = convert_to_model_unit(model, recordings)
         _check(model, exported, request, recordings, terminal, arguments.to)
