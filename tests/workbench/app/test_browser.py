@@ -288,6 +288,8 @@ def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_senten
     page.wait_for_function(is_drawn, arg="dark")
     page.click(".theme")  # or the switch
     page.wait_for_function(is_drawn, arg="light")
+    page.reload()  # and keep its choice
+    page.wait_for_function("document.documentElement.dataset.theme === 'light'")
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
