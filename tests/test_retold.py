@@ -20,7 +20,7 @@ QUICK = {  # numbers with their rows
     107: "decimals", 108: "speed alone", 110: "load sensor", 111: "actuator noise", 116: "value fixed",
     117: "Unix clock", 118: "split", 119: "renamed", 120: "as it is", 121: "Unix clock", 122: "split",
 }  # fmt: skip
-# of other seeds: a coarse encoder under a controller
+# (seed, number): row, of a coarse encoder under a controller
 SLOW_SWEEPS = {
     (490, 22): "torque filtered", (490, 59): "renamed", (57001, 22): "torque late", (57001, 43): "other zero",
 }  # fmt: skip

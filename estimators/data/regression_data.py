@@ -154,6 +154,11 @@ class RegressionData:
         """Samples at the middle of each window of each joint, by its name."""
         return {at: self.data.part(at).samples for at in self.data.joints}
 
+    @property
+    def recorded_motions(self) -> dict[str, Samples]:
+        """All samples of each joint, with the torque as recorded, by its name."""
+        return {at: self.data.part(at).recorded_samples for at in self.data.joints}
+
     def get_range(self, joint: str = "") -> tuple[float, float]:
         """Return the least and the largest recorded position [rad] of a joint, or of several joined in one name."""
         positions = [w.recording.position for w in self.data.windows if w.at in list_loads(joint)]

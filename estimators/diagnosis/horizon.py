@@ -68,7 +68,8 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     model = model.mark_unknown({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
     after = _make_step(last, model, data)
     decision = trial.evidence.decide(after, before, REFIT_TO_MOTION)
-    decision = decision.join(Decision(tuple(find_violations(model, trial.evidence.train.motions))))
+    train = trial.evidence.train
+    decision = decision.join(Decision(tuple(find_violations(model, train.motions, train.recorded_motions))))
     return HorizonRefit(seconds, before, after, decision, is_interrupted)
 
 

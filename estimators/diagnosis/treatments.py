@@ -136,13 +136,13 @@ def count_assumptions(trial: Trial) -> int:
 def narrow_windows(trial: Trial) -> FitData | None:
     """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not.
 
-    The motion of a model without an inertia is unknown.
+    Also if the inertia is undetermined: its motion cannot be simulated.
     """
     evidence, found = trial.evidence, trial.result
     if Action.NARROWER_WINDOWS in trial.data.actions:
         return None
-    follows = trial.model.has_known_inertia and not evidence.motion.is_misfit(found.steps[-1])
-    if not evidence.residuals.is_noise_by_part(found.terms)[0] or follows:
+    follows_motion = trial.model.has_known_inertia and not evidence.motion.is_misfit(found.steps[-1])
+    if not evidence.residuals.is_noise_by_part(found.terms)[0] or follows_motion:
         return None
     share = evidence.criterion.shorter_window
     cut = replace(trial.data.cut, window_share=share)

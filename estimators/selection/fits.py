@@ -136,6 +136,7 @@ class Fits:
         joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         motions = {at: x for at, x in self.train.motions.items() if at in joints}
         fits = self.train.maker.fit_folds(terms)  # the score depends on these parameters
-        if not find_violations(self._withhold_inertia(Model.build(fits.terms, fits.theta)), motions):
+        recorded = self.train.recorded_motions
+        if not find_violations(self._withhold_inertia(Model.build(fits.terms, fits.theta)), motions, recorded):
             return []
-        return find_violations(self._withhold_inertia(self.fit_model_with_std(terms)), motions)
+        return find_violations(self._withhold_inertia(self.fit_model_with_std(terms)), motions, recorded)

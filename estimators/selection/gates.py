@@ -240,13 +240,13 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     evidence, criterion = after.evidence, after.evidence.criterion
 
     def compare(new: Step, old: Step, has_motion: bool = True) -> list[Gate]:
-        terms, motions = (new.model.terms, old.model.terms), evidence.train.motions
+        terms, motions = (new.model.terms, old.model.terms), (evidence.train.motions, evidence.train.recorded_motions)
         is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
         margin = criterion.equal_error_share if is_hidden else 0.0
-        gates = compare_errors(new, old, motions, margin, has_motion)
+        gates = compare_errors(new, old, *motions, margin, has_motion)
         if not gates[0].passed and not any(estimate.std for estimate in new.model.estimates.values()):
             new = replace(new, model=evidence.fits.fit_with_std(new.model.terms).model)
-            gates = compare_errors(new, old, motions, margin, has_motion)
+            gates = compare_errors(new, old, *motions, margin, has_motion)
         return gates
 
     new, old = after.step, before.step
@@ -264,19 +264,25 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
 
 
 def compare_errors(
-    after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0, has_motion: bool = True
+    after: Step,
+    before: Step,
+    motions: Mapping[str, Samples],
+    recorded: Mapping[str, Samples] | None = None,
+    torque_margin: float = 0.0,
+    has_motion: bool = True,
 ) -> list[Gate]:
     """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
 
     All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
     of each joint with changed terms. Unknown errors have no gate, nor have positions without `has_motion`. Torque
-    errors may exceed their limit by the relative `torque_margin`. `motions` are samples of the training data, by joint.
+    errors may exceed their limit by the relative `torque_margin`. `motions` and `recorded` are samples of the training
+    data, as of `find_violations`.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
     joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
-    if violated := find_violations(after.model, {name: x for name, x in motions.items() if name in joints}):
+    if violated := find_violations(after.model, {at: x for at, x in motions.items() if at in joints}, recorded):
         return violated
     for term in (term for term in after.model.terms if list_forms([term]).isdisjoint(common) and term.columns):
         if not any(after.model.estimates[column.name].value for column in term.columns):

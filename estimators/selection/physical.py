@@ -25,11 +25,13 @@ from pendulum_env.physics.term import return_zero
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
-def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
+def find_violations(
+    model: Model, motions: Mapping[str, Samples], recorded: Mapping[str, Samples] | None = None
+) -> list[Gate]:
     """Return a failed gate for each physical bound that a fitted model violates at the joints of `motions`.
 
-    `motions` are the samples of joints, by name. A single friction parameter may be negative if friction in total
-    dissipates power.
+    `motions` are samples in motion of joints, by name, and `recorded` all samples, by default the same. A single
+    friction parameter may be negative if friction in total dissipates power.
     """
     loading = tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
     at_joints, units = replace(model, terms=loading), model.units()
@@ -44,15 +46,15 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     for joint, x in motions.items():
         at_joint = replace(model, terms=tuple(term for term in model.terms if term.at == joint))
         is_coupled = any(joint in list_loads(term.at) for term in model.terms if term.at != joint)
-        gates += _find_violations_at(at_joint, x, is_coupled)
+        gates += _find_violations_at(at_joint, x, (recorded or motions)[joint], is_coupled)
     return gates
 
 
-def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
-    """Return failed gates of inertia and friction of the terms at one joint with samples `x`.
+def _find_violations_at(model: Model, x: Samples, recorded: Samples, is_coupled: bool) -> list[Gate]:
+    """Return failed gates of inertia and friction of the terms at one joint with samples `x` in motion.
 
-    Dry friction at rest is too large if it significantly exceeds the largest torque that acts on the joint: the
-    recorded torque less that of load, potential and time-varying terms. Stops limit the range: one is too soft if the
+    Dry friction at rest is too large if it significantly exceeds the largest torque on the joint, at rest or in motion:
+    the recorded torque less that of load, potential and time-varying terms. Stops limit the range: one is too soft if the
     motion presses it in by more than the range between them. Friction accelerates if its power in a sample is negative
     by more than 3 standard errors. The power of friction is not tested at a coupled joint, dry friction not with links.
     """
@@ -67,8 +69,6 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     if share > 0 and not is_coupled:
         gates.append(Gate("driving_friction", share, 0.0, False))
     driving = [(LOAD, 1.0), *((column, value) for term, column, value in parts if _drives_joint(term))]
-    driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
-    limit = float(np.abs(x.torque - driving_torque).max())
     dry = _bound_dry_friction(model, [column for _, column, _ in friction if not column.of_torque], x)
     gates += _find_pushing_springs(model, x)
     for lower, upper in (term.ends for term in model.terms if term.ends is not None):
@@ -78,9 +78,18 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
         if depth > free:
             gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
+    limit = _find_largest_torque(driving, x)
+    if dry > limit:  # all samples, which take longer, include the torque of breaking away
+        limit = _find_largest_torque(driving, recorded)
     if dry > limit and x.torque.any() and not is_arm:
         gates.append(Gate("dry_friction", dry, limit, False, model.units().unit("N m")))
     return gates
+
+
+def _find_largest_torque(driving: Sequence[tuple[Column, float]], x: Samples) -> float:
+    """Return the largest recorded torque in samples, less that of columns times their parameters [N m]."""
+    driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
+    return float(np.abs(x.torque - driving_torque).max())
 
 
 def _find_pushing_springs(model: Model, x: Samples) -> list[Gate]:
@@ -144,8 +153,8 @@ def _drives_joint(term: Term) -> bool:
 def _bound_dry_friction(model: Model, friction: Sequence[Column], x: Samples) -> float:
     """Return the largest dry friction of columns at rest, at angles over one turn, less 3 standard errors [N m].
 
-    The time is the median of the samples. A joint that has moved was at rest before. An infinite standard error,
-    that of a column that hardly acts in the samples, counts as zero.
+    The time is the median of the samples. A joint that moves later has been at rest, so the largest torque bounds its
+    friction there. Without a finite standard error of each column there is no tolerance.
     """
     zeros = np.zeros_like(CIRCLE)
     turn = Samples(zeros + float(np.median(x.time)), CIRCLE, zeros, zeros)

@@ -40,7 +40,7 @@ REPLACE = Rule("replace", (gates.require_base, gates.require_lower_errors, gates
 FOLLOW_MOTION = Rule("follow motion", (gates.require_motion_share,))
 # Windows in contact with a stop, and windows near reversals, are of use.
 ADD_STOP = Rule("add stop", (gates.require_stop,))
-FOLLOW = Rule("follow", (gates.require_motion,))
+FOLLOW = Rule("follow", (gates.require_inertia, gates.require_motion))
 # So are windows cut by the inertia of a model.
 HAVE_INERTIA = Rule("have inertia", (gates.require_inertia,))
 # A lag or delay is no answer of a controller.

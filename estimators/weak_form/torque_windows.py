@@ -104,6 +104,12 @@ class TorqueWindows:
         return concatenate_samples([w.select_center_samples() for w in self.windows])
 
     @cached_property
+    def recorded_samples(self) -> Samples:
+        """All samples with position and torque as recorded, without states, all recordings concatenated."""
+        whole = {id(w.recording): w for w in self.windows}.values()  # parts share a recording
+        return concatenate_samples([replace(w.unsmoothed, torque=w.recording.torque, memory={}) for w in whole])
+
+    @cached_property
     def window_columns(self) -> WindowColumns:
         """Columns of terms that depend on the motion of their own joint."""
         return WindowColumns(self.windows, self.link_states)

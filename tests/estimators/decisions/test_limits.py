@@ -134,7 +134,8 @@ def shorten_windows(criterion: Criterion) -> float:
         motion=SimpleNamespace(is_misfit=lambda step: True),
     )
     data = SimpleNamespace(actions=[], cut=CutSettings(), with_treatment=lambda finding, cut: cut.window_share)
-    return narrow_windows(SimpleNamespace(evidence=evidence, data=data, result=SimpleNamespace(terms=BASE, steps=[0])))
+    model, result = SimpleNamespace(has_known_inertia=True), SimpleNamespace(terms=BASE, steps=[0])
+    return narrow_windows(SimpleNamespace(evidence=evidence, data=data, model=model, result=result))
 
 
 def find_noise(criterion: Criterion) -> bool:

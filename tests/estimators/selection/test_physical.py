@@ -78,6 +78,17 @@ def test_friction_at_rest_is_bounded_though_no_sample_is_at_rest():
     assert find_violations(Model.build([*BASE, slow], [*theta, 5.0], [0.01] * 4 + [2.0]), {"": clear}) == []
 
 
+def test_the_torque_of_breaking_away_bounds_friction_at_rest():
+    """Samples in motion leave it out."""
+    x = swinging()
+    recorded = replace(x, torque=np.where(np.arange(len(x.time)) == 500, 3.0, x.torque))
+    slow, theta = effect("stribeck")(stribeck_velocity=0.01), [0.1, 0.1, 0.01, 0.3]
+    for size, names in ((2.5, []), (3.0, ["dry_friction"])):
+        model = Model.build([*BASE, slow], [*theta, size], 0.01)
+        assert [gate.name for gate in find_violations(model, {"": x}, {"": recorded})] == names
+        assert [gate.name for gate in find_violations(model, {"": x})] == ["dry_friction"]
+
+
 def test_only_the_sum_of_friction_that_changes_with_time_has_to_be_possible():
     terms = [*BASE, effect("friction_drift")(3000.0)]  # nearly a straight line over 10 s
     assert find_violations(Model.build(terms, [0.1, 2.0, 0.01, 50.0, 0.0, -49.8]), {"": swinging()}) == []
