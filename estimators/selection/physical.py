@@ -54,9 +54,10 @@ def _find_violations_at(model: Model, x: Samples, recorded: Samples, is_coupled:
     """Return failed gates of inertia and friction of the terms at one joint with samples `x` in motion.
 
     Dry friction at rest is too large if it significantly exceeds the largest torque on the joint, at rest or in motion:
-    the recorded torque less that of load, potential and time-varying terms. Stops limit the range: one is too soft if the
-    motion presses it in by more than the range between them. Friction accelerates if its power in a sample is negative
-    by more than 3 standard errors. The power of friction is not tested at a coupled joint, dry friction not with links.
+    the recorded torque less that of load, potential and time-varying terms. Stops limit the range: one is too soft if
+    the motion presses it in by more than the range between them. Friction accelerates if its power in a sample is
+    negative by more than 3 standard errors. The power of friction is not tested at a coupled joint, dry friction not
+    with links.
     """
     gates = []
     if model.lacks_inertia:

@@ -36,7 +36,7 @@ WITHIN = "rad within a turn"  # unit of wrapped angles
 
 @dataclass(frozen=True)
 class Profile:
-    """Mean residual over one quantity, in bins of equal count; over frequency and order, a spectrum.
+    """Mean residual over one quantity, in bins of about equal count; over frequency and order, a spectrum.
 
     Attributes:
         axis: key of `SYMBOLS`.
@@ -170,8 +170,9 @@ def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> 
     is_wrapped = axis == "position" and makes_whole_turns(values)
     values, unit = (wrap_angles(values), WITHIN) if is_wrapped else (np.asarray(values), AXES[axis])
     edges = _choose_bins(values, residual, REGIONS.bins if axis == "time" else REGIONS.most_bins)
-    if axis == "velocity" and edges[1] < 0 < edges[-2]:  # friction has the opposite sign on the other side
-        edges[np.argmin(np.abs(edges))] = 0.0
+    if axis == "velocity" and edges[0] < 0 < edges[-1]:  # friction has the opposite sign on the other side
+        nearest = 1 + int(np.argmin(np.abs(edges[1:-1])))
+        edges = np.unique(np.append(np.delete(edges, nearest), 0.0))
     mean, counts = _average_bins(values, residual, edges)
     return Profile(axis, unit, edges, mean, noise / np.sqrt(counts))
 

@@ -141,22 +141,28 @@ def minimise(errors_of: ErrorsOf, start: Point) -> Point:
         error, slopes = compute_slopes(errors_of, point)
         return LocalErrors(point, float(error @ error), error, slopes)
 
+    has_damped_steps = False
+
     def choose_step(local: LocalErrors[Point], steps: list[Array]) -> tuple[Point, float]:
+        nonlocal has_damped_steps
         values, smallest = local.known.values, MIN_SIZE
         size = np.maximum(np.abs(values), smallest)
         # a parameter of zero needs an absolute step
         longest = np.where(size > smallest, 0.5, MAX_STEP_FROM_ZERO / smallest)
         first, *damped = (np.clip(step, -longest, longest) * size for step in steps)
-        moves = [share * first for share in OUTPUT_ERROR_SHARES] + damped
-        points = [local.known.with_values(values + move) for move in moves]
-        return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    for dampings in (OUTPUT_ERROR_DAMPINGS[:1], OUTPUT_ERROR_DAMPINGS):
-        rule = StopRule(OUTPUT_ERROR_ITERATIONS, dampings, by_offset=True)
-        end = gauss_newton(start, linearise, choose_step, rule)
-        if end is not start:
-            break
-    return end
+        def choose_move(moves: list[Array]) -> tuple[Point, float]:
+            points = [local.known.with_values(values + move) for move in moves]
+            return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
+
+        chosen = choose_move([share * first for share in OUTPUT_ERROR_SHARES] + damped * has_damped_steps)
+        if chosen[1] < local.cost or local.known is not start:
+            return chosen
+        has_damped_steps = True
+        return choose_move(damped)
+
+    rule = StopRule(OUTPUT_ERROR_ITERATIONS, OUTPUT_ERROR_DAMPINGS, by_offset=True)
+    return gauss_newton(start, linearise, choose_step, rule)
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

@@ -208,9 +208,12 @@ def test_the_larger_a_mean_the_darker_its_stretch():
     time = np.arange(4000) * 0.005
     x = Samples(time, np.sin(time), np.cos(time), np.zeros(4000))
     bumps = 0.1 * ((time > 4) & (time < 6)) + 0.4 * ((time > 12) & (time < 14))
-    drawn = plot_profile([("base model", "--base")], compute_profiles(x, bumps, 0.01, ["time"]), 0.5)
-    early, late = (max(s["opacity"] for s in drawn.layout["shapes"] if s["x0"] < at < s["x1"]) for at in (5, 13))
-    assert 0 < early < 0.5 < late == 1
+    plots = [plot_profile([("base", "")], compute_profiles(x, size * bumps, 0.01, ["time"]), 0.5) for size in (1, 0.5)]
+    (early, late), (_, small) = (
+        [max(s["opacity"] for s in drawn.layout["shapes"] if s["x0"] < at < s["x1"]) for at in (5, 13)]
+        for drawn in plots
+    )
+    assert 0 < early < small < late <= 1  # plots that share a scale share the shades
 
 
 def read_plot(figure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:

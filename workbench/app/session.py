@@ -17,7 +17,6 @@ from workbench.app import uploads
 from workbench.app.card import ColumnCard
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.state import LoadedRecording, State
-from workbench.app.uploads import guess_role
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
 from workbench.robot import open_robot_file
@@ -46,6 +45,7 @@ class Session:
         self.version = time.time_ns() // 1_000_000  # grows with each change; unique among sessions
         self.job: Job | None = None
         self._fitting: State | None = None  # state of the running fit
+        self._fitted_checks: set[Path] = set()  # files to hold out, fitted until another recording is
         self._has_begun = self._has_ended = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
@@ -181,7 +181,8 @@ class Session:
             self.set_robot(open_robot_file(upload.robots[-1], model, joints))
         sources = upload.sources
         if not any(source.role == "fit" for source in (*sources, *(item.source for item in self.state.loaded))):
-            sources = [replace(source, role="fit") for source in sources]  # something must be fitted
+            self._fitted_checks.update(source.file for source in sources)  # something must be fitted
+            sources = [replace(source, role="fit") for source in sources]
         refused = [*upload.refused, *self._read(sources)]
         if upload.models:
             try:
@@ -233,11 +234,16 @@ class Session:
 
     def add_recordings(self, *loaded: LoadedRecording) -> None:
         """Add recordings to the state, and remove its fits."""
-        names, earlier = ", ".join(item.recording.name for item in loaded), self.state.loaded
-        if any(item.source.role == guess_role(item.source.file.name) == "fit" for item in loaded):
-            if all(guess_role(item.source.file.name) == "holdout" for item in earlier):  # fitted in want of others
-                earlier = tuple(replace(item, source=replace(item.source, role="holdout")) for item in earlier)
-        self.change(f"load {names}", self.state.restart(loaded=(*earlier, *loaded)))
+        names, all_loaded = ", ".join(item.recording.name for item in loaded), (*self.state.loaded, *loaded)
+        if any(item.source.role == "fit" and item.source.file not in self._fitted_checks for item in loaded):
+            all_loaded = tuple(
+                replace(item, source=replace(item.source, role="holdout"))
+                if item.source.file in self._fitted_checks
+                else item
+                for item in all_loaded
+            )
+            self._fitted_checks.clear()
+        self.change(f"load {names}", self.state.restart(loaded=all_loaded))
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
@@ -248,6 +254,7 @@ class Session:
     def hold_out(self, id: str, held_out: bool) -> None:
         """Hold a recording out, or fit it."""
         chosen = self.state.find(id)
+        self._fitted_checks.discard(chosen.source.file)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
             self.change("fit or check", self.state.swap_recording(chosen, replace(chosen, source=source)))

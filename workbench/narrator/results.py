@@ -109,10 +109,11 @@ def narrate_unexplained(diagnosis: Diagnosis) -> list[Part]:
 
 def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the next step and all remarks; without a search, with the advice."""
-    texts = tuple(narration.list_advice(diagnosis))
     if diagnosis.candidates:
         step, remarks = narration.describe_next_step(diagnosis), narration.list_remarks(diagnosis)
-        texts = tuple(text for text in (step, *remarks) if text != narration.NO_EXPERIMENT or not remarks)
+        texts = tuple(remarks) if remarks and step == narration.NO_EXPERIMENT else (step, *remarks)
+    else:
+        texts = tuple(narration.list_advice(diagnosis))
     return [Part(NEXT, [texts])] if texts else []
 
 

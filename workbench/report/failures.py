@@ -39,7 +39,7 @@ TITLES = {  # name and symbol of an axis
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 FIRST = 3  # number of regions above the fold
-FAINT = 0.25  # opacity of the stripe of a region without a residual; that of the largest is 1
+FAINT = 0.4  # opacity of the stripe of a region without a residual; that of a mean at the end of the axis is 1
 HALF = 0.5  # share of the residual from which a dependence on one quantity explains it
 
 DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
@@ -154,17 +154,16 @@ def plot_profile(
     runs = [find_runs(profile) if not has_dots else [] for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
-    largest = max((abs(r.residual) for k, _ in kinds for r in runs[k]), default=0.0)
+    title = f"{'amplitude' if first.is_spectrum else 'mean residual'} [{unit}]"
+    height = max(measure_reach(profile.mean, profile.band) for profile in profiles) if first.is_spectrum else reach
     shapes = [
-        {**draw_stripe(locate_region(r, joint, k), *look), "opacity": FAINT + (1 - FAINT) * abs(r.residual) / largest}
+        {**draw_stripe(locate_region(r, joint, k), *look), "opacity": FAINT + (1 - FAINT) * abs(r.residual) / height}
         for k, look in kinds
         for r in runs[k]
     ]
-    own = max(measure_reach(profile.mean, profile.band) for profile in profiles)
-    height = [0, own] if first.is_spectrum else [-reach, reach]
     layout: JSON = {
         "xaxis": axis,
-        "yaxis": make_axis(f"{'amplitude' if first.is_spectrum else 'mean residual'} [{unit}]", range=height),
+        "yaxis": make_axis(title, range=[0 if first.is_spectrum else -height, height]),
         "shapes": shapes,
         "showlegend": False,
         "margin": {"t": 16},

@@ -159,9 +159,13 @@ def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
 
 def test_no_bin_has_both_directions():
     """A residual of the sign of the velocity has its size in each bin."""
-    velocity = motion().velocity + 1.3
-    profile = compute_profile("velocity", velocity, 0.1 * np.sign(velocity), NOISE)
-    assert np.abs(profile.mean) == pytest.approx(0.1)
+    rare = np.where(np.arange(100) < 7, -0.5, 1.0) * np.linspace(0.1, 1.0, 100)
+    coarse = np.round(2 * motion().velocity) / 2 + 0.25
+    for velocity in (motion().velocity + 1.3, rare, coarse):
+        profile = compute_profile("velocity", velocity, 0.1 * np.sign(velocity), NOISE)
+        assert (np.diff(profile.edges) > 0).all()
+        is_filled = np.histogram(velocity, profile.edges)[0] > 0
+        assert np.abs(profile.mean[is_filled]) == pytest.approx(0.1)
 
 
 def test_the_spectrum_reads_amplitudes_though_samples_are_missing():

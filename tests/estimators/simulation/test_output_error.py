@@ -29,7 +29,7 @@ def test_a_wrong_start_leads_to_the_true_parameters():
 
 
 @pytest.mark.parametrize("excitation", ["triangle", "two_tone"])
-def test_friction_far_from_the_truth_is_left_although_viscous_and_dry_friction_nearly_act_alike(excitation):
+def test_a_start_with_wrong_friction_leads_to_the_same_fit(excitation):
     plant = Plant(**TRUTH)
     run = recorded(plant, Experiment(excitation=excitation, rate=500.0, seconds=8.0, seed=3, counts=16_384))
     segments, truth = RegressionData.from_recordings(run).segments, np.array(list(TRUTH.values()))

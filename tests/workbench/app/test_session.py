@@ -439,6 +439,14 @@ def test_names_decide_on_roles_and_the_order_of_an_upload_does_not_matter(tmp_pa
     assert not alone.state.loaded[0].held_out  # something must be fitted
     drop(alone, tmp_path / "a.train.csv")
     assert [item.held_out for item in alone.state.loaded] == [True, False]  # until another is there
+    alone.run_action(lambda: alone.hold_out("a.holdout.csv", False))
+    alone.run_action(lambda: alone.remove("a.train.csv"))
+    drop(alone, tmp_path / "latest.csv")
+    assert [item.held_out for item in alone.state.loaded] == [False, False]  # a role that the user gave stays
+    fitted = Session(tmp_path / "fitted")
+    fitted.run_action(lambda: fitted.load([Source(tmp_path / "my_Test.csv", "fit")]))
+    drop(fitted, tmp_path / "latest.csv")
+    assert [item.held_out for item in fitted.state.loaded] == [False, False]
 
 
 @pytest.mark.parametrize("content", [b"hello world\nthis is text\n", b"time\n0\n1\n2\n", b"a,b\nx,y\nz,w\n"])

@@ -37,8 +37,8 @@ def show(session: Session) -> list[Component]:
     search = make_panel(
         "Search for what is missing",
         html.P(
-            "The effects of the library are tried, of an arm at every joint. An effect is missing if it lowers "
-            "the errors on held-out data, in torque and, of a pendulum, in free-running simulation."
+            "The effects of the library are tried, for an arm at each joint. An effect is missing if it lowers "
+            "the errors on held-out data, in torque and, for a pendulum, in free-running simulation."
         ),
         show_choices(state, is_open=state.choices != NO_CHOICES or bool(session.notice)),
         make_button(

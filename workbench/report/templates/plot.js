@@ -167,8 +167,9 @@ const figures = (() => {
   const near = [];
   function drawNext() {
     const plot = near.shift();
-    if (plot?.isConnected && !drawn.has(plot)) draw(plot);
     if (near.length) requestAnimationFrame(() => setTimeout(drawNext));
+    if (plot?.checkVisibility()) { if (!drawn.has(plot)) draw(plot); }
+    else if (plot?.isConnected) observer.observe(plot);  // hidden since: until it is seen again
   }
   const observer = new IntersectionObserver((entries) => {
     const isIdle = !near.length;
