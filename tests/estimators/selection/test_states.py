@@ -74,6 +74,7 @@ class KnownEvidence(Evidence):
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True, clusters=np.arange(BLOCKS)),
             segments=(),
             motions={},
+            recorded_motions={},
             data=SimpleNamespace(link_states={}, windows=()),
             equations=lambda terms: SimpleNamespace(fit=lambda clusters: fit_exactly(terms)),
             maker=SimpleNamespace(
