@@ -85,14 +85,18 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 
 
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
-    """Return a finding if friction by load may scale all parameters: torque causes the motion and does not show it."""
+    """Return a finding if friction by load may scale all parameters: torque causes the motion and does not show it.
+
+    It is shown if a detectable size keeps `Criterion.kept_inertia` of the inertia.
+    """
     data, kinds = evidence.train.data, {id: kind for id, kind in evidence.library.items() if kind.can_hide_scale}
     share = compute_driven_share(data, data.torque.recorded)
     is_known = not kinds or any(term.can_hide_scale for term in terms)
     if share <= evidence.criterion.columns.driven_share or is_known:
         return []
     hidden = known or find_detectable_effects(evidence, terms, kinds)
-    excited = {detectable.effect for detectable in hidden if detectable.is_excited}
+    most = 1.0 - evidence.criterion.kept_inertia
+    excited = {detectable.effect for detectable in hidden if detectable.is_excited and (detectable.above or 0.0) < most}
     return [] if kinds.keys() <= excited else [UnknownScale(share)]
 
 

@@ -84,7 +84,10 @@ def shorten_name(name: str) -> str:
 def derive_estimates(
     terms: Sequence[Term], estimates: Mapping[str, Estimate], covariance: Array, units: JointUnits
 ) -> dict[str, Estimate]:
-    """Compute the derived quantities of a model by name, with standard errors to first order."""
+    """Compute the derived quantities of a model by name, with standard errors to first order.
+
+    A quantity that depends on a parameter at its bound is at its bound.
+    """
     names, values = list(estimates), np.array([estimate.value for estimate in estimates.values()])
     results = {}
     for term in terms:
@@ -96,8 +99,9 @@ def derive_estimates(
             slope = np.array([changed[name][0] - value for changed in perturbed]) / perturbations.diagonal()
             std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(indices, indices)] @ slope)))
             is_biased = any(estimates[names[k]].is_biased for k in indices)
-            full_name, unit = term.get_full_name(name), units.unit(unit)
-            results[full_name] = Estimate(float(value), float(std), unit, is_biased=is_biased)
+            at_bound = any(estimates[names[k]].at_bound for k, change in zip(indices, slope, strict=True) if change)
+            full_name, std, unit = term.get_full_name(name), 0.0 if at_bound else float(std), units.unit(unit)
+            results[full_name] = Estimate(float(value), std, unit, at_bound, is_biased=is_biased)
         for part in term.percent_of:
             name, base_name = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
             base, entry = estimates.get(base_name), estimates[name]

@@ -128,7 +128,8 @@ def _open_log(
         if not actuator.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named_columns else NoteKind.NO_TORQUE_COLUMN))
     notes = [*(note for column in noted_columns for note in column.notes), *notes]
-    log = cleaning.Log(values, notes, turns=cleaning.find_turns(values, columns), unwraps=unwrap)
+    turns, is_integral = cleaning.find_turns(values, columns), columns["position"].is_integral
+    log = cleaning.Log(values, notes, turns=turns, unwraps=unwrap, is_integral=is_integral)
     return JointLog(joint, log, origin, unit, table.date)
 
 
@@ -175,9 +176,7 @@ def _integrate_velocity(values: Mapping[str, Array], columns: Mapping[str, FileC
     """Return the integral of the velocity in SI units, by the trapezoidal rule; NaN without time or velocity."""
     time, velocity = (values[name] * columns[name].scale + columns[name].offset for name in ("time", "velocity"))
     position, is_known = np.full(len(time), np.nan), np.isfinite(time) & np.isfinite(velocity)
-    t, v = time[is_known], velocity[is_known]
-    steps = 0.5 * np.diff(t, prepend=t[:1]) * (v + np.concatenate([v[:1], v[:-1]]))
-    position[is_known] = np.cumsum(steps)
+    position[is_known] = cleaning.integrate_velocity(time[is_known], velocity[is_known])
     return position
 
 

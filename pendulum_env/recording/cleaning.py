@@ -42,10 +42,12 @@ class CleaningSettings:
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
     least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
     longest_hold: float = 0.1  # [s], twice the shortest initial hold
+    rest_ratio: float = 5.0  # largest deviation from its mean of a velocity at rest [standard deviations]
     least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
 
 CLEANING = CleaningSettings()
+RESTING = 0.9  # share of the time before the release in which a joint rests
 
 
 @dataclass
@@ -62,6 +64,7 @@ class Log:
         rounding: rounding error of float64 at these times [s].
         turns: turn at which position and reference may be wrapped [rad], see `find_turns`.
         unwraps: whether jumps of a turn are undone.
+        is_integral: whether the position is the integral of the velocity.
     """
 
     values: dict[str, Array]
@@ -72,6 +75,7 @@ class Log:
     rounding: float = 0.0
     turns: Mapping[str, float] = field(default_factory=dict)
     unwraps: bool = False
+    is_integral: bool = False
 
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
@@ -82,10 +86,23 @@ class Log:
         position = self.values["position"]
         return np.unwrap(position, period=self.turns["position"]) if self.unwraps else position
 
+    def replace_clock(self, time: Array) -> None:
+        """Replace the times (N,) [s], and integrate the velocity again if the position is its integral."""
+        self.values = {**self.values, "time": time}
+        if self.is_integral:
+            first, velocity = self.values["position"][0], self.values["velocity"]
+            self.values["position"] = first + integrate_velocity(time, velocity)
+
     def keep_rows(self, is_kept: Mask) -> None:
         """Keep the samples of a mask (N,)."""
         self.values = {quantity: column[is_kept] for quantity, column in self.values.items()}
         self.rows = self.rows[is_kept]
+
+
+def integrate_velocity(time: Array, velocity: Array) -> Array:
+    """Return the integral (N,) of the velocity by the trapezoidal rule, from zero."""
+    steps = 0.5 * np.diff(time, prepend=time[:1]) * (velocity + np.concatenate([velocity[:1], velocity[:-1]]))
+    return np.cumsum(steps)
 
 
 def fill_unchanged(log: Log) -> None:
@@ -266,9 +283,11 @@ def drop_initial_holds(log: Log) -> None:
     """Remove the samples of free swings before their release, with the joint at rest away from equilibrium.
 
     Each part of the log, between gaps of `CLEANING.restart_gap` or of another `segment`, is a swing of its own. The
-    median of position is the equilibrium.
+    median of position is the equilibrium. A velocity of which position is the integral has the offset of its sensor,
+    such as a gyroscope: its mean at rest is subtracted, see `_measure_offset`.
     """
     time, position = log.values["time"] - log.values["time"][0], log.position
+    velocity = log.values["velocity"].copy() if log.is_integral else np.zeros(0)
     is_new = (np.diff(time) >= CLEANING.restart_gap) | (np.diff(log.values.get("segment", np.zeros(len(time)))) != 0)
     is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
     for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
@@ -276,7 +295,21 @@ def drop_initial_holds(log: Log) -> None:
         if release := _find_release(own_time, position[rows], equilibrium):
             log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
             is_kept[rows] = own_time >= release
+            if log.is_integral and (offset := _measure_offset(velocity[rows], own_time < RESTING * release)):
+                velocity[rows] -= offset
+                log.notes.append(Note(NoteKind.OFFSET, ("velocity",), {"offset": Quantity(offset, unit="rad/s")}))
+    if log.is_integral:
+        log.values = {**log.values, "velocity": velocity}
+        log.replace_clock(log.values["time"])
     log.keep_rows(is_kept)
+
+
+def _measure_offset(velocity: Array, is_held: Mask) -> float:
+    """Return the mean velocity (N,) [rad/s] of a joint at rest: while it is held, and after the end of its motion."""
+    mean, std = np.mean(velocity[is_held]), np.std(velocity[is_held])
+    is_moving = np.abs(velocity - mean) > CLEANING.rest_ratio * std
+    has_stopped = np.logical_and.accumulate(~is_moving[::-1])[::-1]
+    return float(np.mean(velocity[is_held | has_stopped]))
 
 
 def _find_release(time: Array, position: Array, equilibrium: float) -> float:

@@ -46,11 +46,13 @@ def replace_late_stamps(logs: Sequence[Log]) -> None:
     """Replace the time stamps of the joints of a file by a fitted uniform clock, if positions show uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
-    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps,
-    and rows that arrive in bursts, repeat a time. The last of these rows has that time, which may deviate by up to a
-    step between different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
+    deviates from a smooth function of the row number by velocity times jitter. An integral of the velocity has the
+    jitter of its stamps, so that the velocity takes its place. Lost rows remain gaps. Rounded stamps, and rows that
+    arrive in bursts, repeat a time. The last of these rows has that time, which may deviate by up to a step between
+    different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
     """
-    log, positions = logs[0], np.stack([log.position for log in logs])
+    log = logs[0]
+    positions = np.stack([log.values["velocity"] if log.is_integral else log.position for log in logs])
     time = log.values["time"]
     last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp
     stamps, steps, n_rows, has_repeats = time[last], np.diff(time[last]), np.diff(last), len(last) < len(time)
@@ -86,7 +88,7 @@ def replace_late_stamps(logs: Sequence[Log]) -> None:
     if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
     for each in logs:
-        each.values = {**each.values, "time": clock - clock[0] + time[0]}
+        each.replace_clock(clock - clock[0] + time[0])
     deviation = Quantity(1e3 * float(np.std(time - clock)), unit="ms")
     log.notes.append(
         Note(NoteKind.STAMPS_LATE, numbers={"rate": Quantity(1 / fit.period, unit="Hz"), "std": deviation})

@@ -47,6 +47,7 @@ class NoteKind(StrEnum):
     STALE = "stale"  # count, places: rows
     ENCODER_SLOW = "encoder_slow"  # rate, rows
     HELD_AT_FIRST = "held_at_first"  # time
+    OFFSET = "offset"  # offset
     UNWRAPPED = "unwrapped"  # count, turn
 
     # time

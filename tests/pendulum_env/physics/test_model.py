@@ -1,6 +1,7 @@
 """Models: built, extended, written and read back, refused with a reason."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,15 @@ def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
     assert (k.value, k.unit, d.unit) == (pytest.approx(50.0), "N m/rad", "N m s/rad")
     assert k.std == pytest.approx(50.0 * np.hypot(0.02, 2 * 0.01), rel=1e-4)  # of J w^2, errors independent
     assert d.std == pytest.approx(0.04 * np.hypot(0.02, 0.05), rel=1e-4)
+
+
+def test_a_derived_quantity_of_a_parameter_at_its_bound_is_at_its_bound():
+    term = effect("joint_flexibility")(resonance=50.0, damping=2.0, gravity=0.1)
+    model = Model.build([*BASE, term], [0.1, 2.0, 0.4, 0.9, 0.02], [0.0] * 4 + [4e-4])
+    at_bound = replace(model.estimates["joint_flexibility.gravity"], std=0.0, at_bound=True)
+    model = replace(model, estimates={**model.estimates, "joint_flexibility.gravity": at_bound})
+    weight, stiffness = model.derived["joint_flexibility.mgl"], model.derived["joint_flexibility.k"]
+    assert weight.at_bound and weight.std == 0 and not stiffness.at_bound and stiffness.std > 0
 
 
 @pytest.mark.parametrize("of_gravity", [1e-2, 1e5])

@@ -84,6 +84,23 @@ def test_rest_before_each_release_is_left_out(counted: bool) -> None:
     assert all(abs(recording.position[start] - 1.2) < 0.05 for start in recording.starts)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gyroscope_with_an_offset_and_late_stamps_has_the_angle_of_its_swing(seed: int) -> None:
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        return [state[1], -30.0 * np.sin(state[0]) - 1.0 * state[1]]
+
+    time, rng = np.arange(2400) / 100.0, np.random.default_rng(seed)
+    q, v = scipy.integrate.solve_ivp(slope, (0, 24), [2.0, 0.0], t_eval=time, rtol=1e-8, atol=1e-9).y
+    q, v = np.append(np.full(200, 2.0), q), np.append(np.zeros(200), v)
+    stamps = np.round(np.arange(len(q)) / 100.0 + rng.normal(0, 3e-4, len(q)), 3)
+    gyro = v + 2e-3 + rng.normal(0, 1e-3, len(q))
+    recording = read_recording({"time": stamps, "gyro": gyro}, columns={"velocity": "gyro:rad/s", "torque": "none"})
+    first = len(q) - len(recording)
+    assert first == pytest.approx(200, abs=5)
+    error = recording.position - q[first:]
+    assert np.std(error) < 3e-3 and np.std(np.diff(error)) < 1e-4
+
+
 def test_the_line_that_is_offered_keeps_what_was_said_and_a_column_named_none_is_a_column(tmp_path: Path) -> None:
     file = table(tmp_path / "none.csv", "time,angle,none", np.cos(TIME))
     assert read_recording(file, columns={"torque": "none"}).torque.any()
