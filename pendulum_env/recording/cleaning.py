@@ -42,6 +42,7 @@ class CleaningSettings:
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
     least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
     longest_hold: float = 0.1  # [s], twice the shortest initial hold
+    held_share: float = 0.99  # least angle of a joint that is held after it was raised, share of the largest
     rest_ratio: float = 5.0  # largest deviation from its mean of a velocity at rest [standard deviations]
     least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
@@ -280,7 +281,7 @@ def drop_repeated_times(log: Log) -> None:
 
 
 def drop_initial_holds(log: Log) -> None:
-    """Remove the samples of free swings before their release, with the joint at rest away from equilibrium.
+    """Remove the samples of free swings before their release, at which the joint is held away from equilibrium.
 
     Each part of the log, between gaps of `CLEANING.restart_gap` or of another `segment`, is a swing of its own. The
     median of position is the equilibrium. A velocity of which position is the integral has the offset of its sensor,
@@ -292,10 +293,15 @@ def drop_initial_holds(log: Log) -> None:
     is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
     for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
         own_time = time[rows] - time[rows[0]]
-        if release := _find_release(own_time, position[rows], equilibrium):
+        begin, release = _find_hold(own_time, position[rows], equilibrium)
+        if release:
             log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
             is_kept[rows] = own_time >= release
-            if log.is_integral and (offset := _measure_offset(velocity[rows], own_time < RESTING * release)):
+            if log.is_integral and (
+                offset := _measure_offset(
+                    velocity[rows], (own_time >= begin) & (own_time < begin + RESTING * (release - begin))
+                )
+            ):
                 velocity[rows] -= offset
                 log.notes.append(Note(NoteKind.OFFSET, ("velocity",), {"offset": Quantity(offset, unit="rad/s")}))
     if log.is_integral:
@@ -312,21 +318,28 @@ def _measure_offset(velocity: Array, is_held: Mask) -> float:
     return float(np.mean(velocity[is_held | has_stopped]))
 
 
-def _find_release(time: Array, position: Array, equilibrium: float) -> float:
-    """Return the time at which a joint (N,) at rest away from its equilibrium [rad] is released; 0 without a hold.
+def _find_hold(time: Array, position: Array, equilibrium: float) -> tuple[float, float]:
+    """Return when a joint (N,) begins to be held away from its equilibrium [rad], and its release; 0, 0 without a hold.
 
-    After the release, position moves by a t^2 / 2: the time of the release follows from the times of the
-    displacements d and 9 d. It moves by tan(e) (cosh(w t) - 1) if it falls from an angle e from upright.
+    A joint that begins at its equilibrium is raised first, to its largest angle. After the release, position moves by
+    a t^2 / 2: the time of the release follows from the times of the displacements d and 9 d. It moves by
+    tan(e) (cosh(w t) - 1) if it falls from an angle e from upright.
     """
-    span, tilt = float(np.ptp(position)), float(position[0] - equilibrium)
+    tilts, span = np.abs(position - equilibrium), float(np.ptp(position))
+    if np.cos(tilts[0]) > np.cos(CLEANING.least_tilt):
+        is_below = tilts[: np.argmax(tilts) + 1] < CLEANING.held_share * tilts.max()
+        begin = len(is_below) - int(np.argmax(is_below[::-1]))
+        time, position = time[begin:], position[begin:]
+    tilt = float(position[0] - equilibrium) if len(position) else 0.0
     if np.cos(tilt) > np.cos(CLEANING.least_tilt) or span == 0.0:
-        return 0.0
+        return 0.0, 0.0
     travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / span
     shares = np.array([0.01, 0.09])
     near, far = (float(time[np.argmax(travel > share)]) for share in shares)
     times = np.arccosh(1 + shares * span / abs(np.tan(tilt))) if np.cos(tilt) < 0 else np.sqrt(shares)
     release = float((times[1] * near - times[0] * far) / (times[1] - times[0]))
-    return release if release > max(CLEANING.longest_hold, far - release) / 2 else 0.0
+    is_held = release - time[0] > max(CLEANING.longest_hold, far - release) / 2
+    return (float(time[0]), release) if is_held else (0.0, 0.0)
 
 
 def start_from_zero(log: Log) -> None:

@@ -123,7 +123,7 @@ TEXTS: Mapping[NoteKind, str] = {
         "{quantity} has a new value every {rows:.3g} rows: samples are taken at {rate:.6g} Hz, the clock of its "
         "encoder; torque with another clock is averaged in between"
     ),
-    NoteKind.HELD_AT_FIRST: "{quantity} is held for {time:.2f} s: this part is left out, the swing after it is free",
+    NoteKind.HELD_AT_FIRST: "{quantity} is held until {time:.2f} s: this part is left out, the swing after it is free",
     NoteKind.OFFSET: "{quantity} is {offset:.2g} rad/s on average at rest: subtracted",
     NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of {variant}",
     NoteKind.GAPS: "{variant} {longest:.3g} s after {places}: segments end there",

@@ -71,6 +71,19 @@ def test_rest_before_the_release_is_left_out(start: float, hold: float, torque: 
     assert any("held" in note for note in list_notes(recording)) == (hold > 0)
 
 
+@pytest.mark.parametrize("start", [0.7, -1.4])
+def test_rest_and_a_raise_by_hand_before_the_release_are_left_out(start: float) -> None:
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        return [state[1], -30.0 * np.sin(state[0]) - 0.3 * state[1]]
+
+    q = scipy.integrate.solve_ivp(slope, (0, 12), [start, 0.0], t_eval=np.arange(2400) / 200.0, rtol=1e-8).y[0]
+    raised = start * 0.5 * (1 - np.cos(np.linspace(0, np.pi, 300)))
+    q = np.concatenate([np.zeros(400), raised, np.full(200, start), q])
+    q = q + np.random.default_rng(1).normal(0, 5e-4, len(q))
+    recording = read_recording({"time": np.arange(len(q)) / 200.0, "position": q})
+    assert len(q) - len(recording) == pytest.approx(900, abs=10)
+
+
 @pytest.mark.parametrize("counted", [True, False])
 def test_rest_before_each_release_is_left_out(counted: bool) -> None:
     """Of swings in one file, with a column that counts them or gaps between them."""
