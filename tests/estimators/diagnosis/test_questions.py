@@ -6,8 +6,9 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import IdentificationError, add, diagnose
 from estimators.data.split import split_recordings
-from estimators.diagnosis.caveats import UnknownScale
+from estimators.diagnosis.caveats import UnknownScale, find_caveats
 from estimators.diagnosis.questions import find_detectable_effects, find_detectable_size
+from estimators.diagnosis.result import Detectable
 from estimators.selection.evidence import Evidence
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
@@ -78,6 +79,11 @@ def test_friction_by_load_may_scale_all_parameters_where_torque_drives_all_motio
     assert found.model.estimates["viscous"].value == pytest.approx(3.0 / (1 - share), rel=0.01)
     assert found.model.estimates["inertia"].value == pytest.approx(0.1 / (1 - share), rel=0.01)
     assert any(isinstance(own, UnknownScale) for own in found.findings)
+    evidence = Evidence.from_data(*split_recordings(runs))
+    for size, is_found in ((0.02, False), (0.7, True)):  # that would show
+        known = [Detectable(id, size, "1") for id, kind in evidence.library.items() if kind.can_hide_scale]
+        caveats = find_caveats(evidence, found.steps, found.model.terms, known)
+        assert any(isinstance(own, UnknownScale) for own in caveats) == is_found
 
 
 def test_friction_by_load_does_not_scale_a_pendulum_that_gravity_turns(evidence):
