@@ -297,11 +297,8 @@ def drop_initial_holds(log: Log) -> None:
         if release:
             log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
             is_kept[rows] = own_time >= release
-            if log.is_integral and (
-                offset := _measure_offset(
-                    velocity[rows], (own_time >= begin) & (own_time < begin + RESTING * (release - begin))
-                )
-            ):
+            is_held = (own_time >= begin) & (own_time < begin + RESTING * (release - begin))
+            if log.is_integral and (offset := _measure_offset(velocity[rows], is_held)):
                 velocity[rows] -= offset
                 log.notes.append(Note(NoteKind.OFFSET, ("velocity",), {"offset": Quantity(offset, unit="rad/s")}))
     if log.is_integral:
@@ -335,6 +332,8 @@ def _find_hold(time: Array, position: Array, equilibrium: float) -> tuple[float,
         return 0.0, 0.0
     travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / span
     shares = np.array([0.01, 0.09])
+    if not (travel > shares[1]).any():
+        return 0.0, 0.0
     near, far = (float(time[np.argmax(travel > share)]) for share in shares)
     times = np.arccosh(1 + shares * span / abs(np.tan(tilt))) if np.cos(tilt) < 0 else np.sqrt(shares)
     release = float((times[1] * near - times[0] * far) / (times[1] - times[0]))
