@@ -76,7 +76,7 @@ def read_all(
 ) -> list[tuple[Source, Logged]]:
     """Read recordings, and print their summaries and notes; return each with its source.
 
-    A recording of a joint at rest is left out, with a warning, if another one with the role "fit" has motion.
+    A recording of a joint at rest is left out, with a warning, if another one has motion, and is fitted if any is.
     """
     pairs, motionless = [], []
     for source in sources:
@@ -85,7 +85,8 @@ def read_all(
                 pairs.append((source, read(source)))
             except MotionlessError as error:
                 motionless.append(error)
-    if motionless and not any(source.role == "fit" for source, _ in pairs):
+    is_fit = any(source.role == "fit" for source in sources)
+    if motionless and not any(source.role == "fit" or not is_fit for source, _ in pairs):
         raise motionless[0]
     for refusal in motionless:
         terminal.print(f"{WARNING}{refusal}; the recording is left out", style="yellow")

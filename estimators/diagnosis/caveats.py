@@ -87,7 +87,7 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque causes the motion and does not show it.
 
-    It is shown if a detectable size keeps `Criterion.kept_inertia` of the inertia.
+    The scale counts as known if each effect that can hide it is detectable below 1 - `Criterion.kept_inertia`.
     """
     data, kinds = evidence.train.data, {id: kind for id, kind in evidence.library.items() if kind.can_hide_scale}
     share = compute_driven_share(data, data.torque.recorded)

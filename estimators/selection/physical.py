@@ -80,7 +80,7 @@ def _find_violations_at(model: Model, x: Samples, recorded: Samples, is_coupled:
             gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
     limit = _find_largest_torque(driving, x)
-    if dry > limit:  # all samples, which take longer, include the torque of breaking away
+    if dry > limit:  # evaluate all samples only if needed: they include the torque of breaking away
         limit = _find_largest_torque(driving, recorded)
     if dry > limit and x.torque.any() and not is_arm:
         gates.append(Gate("dry_friction", dry, limit, False, model.units().unit("N m")))

@@ -173,6 +173,7 @@ def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> 
     if axis == "velocity" and edges[0] < 0 < edges[-1]:  # friction has the opposite sign on the other side
         nearest = 1 + int(np.argmin(np.abs(edges[1:-1])))
         edges = np.unique(np.append(np.delete(edges, nearest), 0.0))
+        edges = np.append(edges[:-1][np.histogram(values, edges)[0] > 0], edges[-1])
     mean, counts = _average_bins(values, residual, edges)
     return Profile(axis, unit, edges, mean, noise / np.sqrt(counts))
 

@@ -155,7 +155,7 @@ def minimise(errors_of: ErrorsOf, start: Point) -> Point:
             points = [local.known.with_values(values + move) for move in moves]
             return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-        chosen = choose_move([share * first for share in OUTPUT_ERROR_SHARES] + damped * has_damped_steps)
+        chosen = choose_move([share * first for share in OUTPUT_ERROR_SHARES] + (damped if has_damped_steps else []))
         if chosen[1] < local.cost or local.known is not start:
             return chosen
         has_damped_steps = True

@@ -19,8 +19,8 @@ class ContactTest:
     """Test of windows near stick for a contact with a stop, by a fitted model without a link.
 
     At a reversal, the residual of a contact exceeds twice the dry friction plus noise, and a step of the encoder within
-    half a window, which slow motion does not average. At rest, friction may be larger: a contact must also lie outside
-    the range of free motion, with a residual that points outwards.
+    half a window, since slow motion does not average its steps. At rest, friction may be larger: a contact must also
+    lie outside the range of free motion, with a residual that points outwards.
 
     Attributes:
         terms: terms of the model.
@@ -44,7 +44,7 @@ class ContactTest:
         angle = unclear.samples.position
         is_outwards = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
         is_at_rest = np.concatenate([np.isin(w.stick.centers, w.stick.resting) for w in data.windows])
-        steps = [w.recording.position_step / w.half_width**2 * np.ones(len(w.centers)) for w in unclear.windows]
+        steps = [np.full(len(w.centers), w.recording.position_step / w.half_width**2) for w in unclear.windows]
         noise = noise + self.inertia * np.concatenate(steps) * ~is_at_rest
         is_contact = (np.abs(residual) > 2 * friction + noise) & (is_outwards | ~is_at_rest)
         error = np.abs(residual) / np.concatenate([_compute_durations(w) for w in unclear.windows]) ** 2

@@ -42,13 +42,13 @@ class CleaningSettings:
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
     least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
     longest_hold: float = 0.1  # [s], twice the shortest initial hold
-    held_share: float = 0.99  # least angle of a joint that is held after it was raised, share of the largest
+    held_share: float = 0.99  # least angle of a raised joint in a hold, share of the largest angle
+    rest_share: float = 0.8  # share of a hold, at its middle, in which the joint rests
     rest_ratio: float = 5.0  # largest deviation from its mean of a velocity at rest [standard deviations]
     least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
 
 CLEANING = CleaningSettings()
-RESTING = 0.9  # share of the time before the release in which a joint rests
 
 
 @dataclass
@@ -180,9 +180,10 @@ def align_topics(log: Log, fewest: int) -> None:
 def drop_invalid_rows(log: Log, fewest: int) -> None:
     """Remove rows with empty cells, NaN or numbers above `CLEANING.largest_number`.
 
-    An optional column with more than half of its cells missing is removed instead.
+    An optional column with more than half of its cells missing is removed instead; not a velocity whose integral is the
+    position.
     """
-    count = len(log.values["time"])
+    count, optional = len(log.values["time"]), {*OPTIONAL} - {"velocity"} if log.is_integral else {*OPTIONAL}
     is_kept, columns = np.ones(count, dtype=np.bool_), {}
     spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by fault and mask of valid rows
     for quantity, column in log.values.items():
@@ -193,7 +194,7 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
         n_invalid = count - int(np.count_nonzero(is_valid))
         first = int(np.argmin(is_valid))
         fault = "empty or NaN" if np.isnan(column[first]) else "infinite"
-        if quantity in OPTIONAL and n_invalid > count / 2:
+        if quantity in optional and n_invalid > count / 2:
             numbers = {"count": Quantity(n_invalid), "rows": Quantity(count)}
             log.notes.append(Note(NoteKind.SPARSE, (quantity,), numbers, text=fault))
             continue
@@ -284,8 +285,8 @@ def drop_initial_holds(log: Log) -> None:
     """Remove the samples of free swings before their release, at which the joint is held away from equilibrium.
 
     Each part of the log, between gaps of `CLEANING.restart_gap` or of another `segment`, is a swing of its own. The
-    median of position is the equilibrium. A velocity of which position is the integral has the offset of its sensor,
-    such as a gyroscope: its mean at rest is subtracted, see `_measure_offset`.
+    median of position is the equilibrium. If position is the integral of a velocity, each part has its own, and the mean
+    velocity at rest is subtracted: it is the offset of the sensor, such as a gyroscope.
     """
     time, position = log.values["time"] - log.values["time"][0], log.position
     velocity = log.values["velocity"].copy() if log.is_integral else np.zeros(0)
@@ -293,11 +294,14 @@ def drop_initial_holds(log: Log) -> None:
     is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
     for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
         own_time = time[rows] - time[rows[0]]
+        equilibrium = float(np.median(position[rows])) if log.is_integral else equilibrium
         begin, release = _find_hold(own_time, position[rows], equilibrium)
         if release:
-            log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
+            log.notes.append(
+                Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(time[rows[0]] + release, unit="s")})
+            )
             is_kept[rows] = own_time >= release
-            is_held = (own_time >= begin) & (own_time < begin + RESTING * (release - begin))
+            is_held = np.abs(own_time - 0.5 * (begin + release)) <= 0.5 * CLEANING.rest_share * (release - begin)
             if log.is_integral and (offset := _measure_offset(velocity[rows], is_held)):
                 velocity[rows] -= offset
                 log.notes.append(Note(NoteKind.OFFSET, ("velocity",), {"offset": Quantity(offset, unit="rad/s")}))

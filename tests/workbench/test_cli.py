@@ -101,7 +101,9 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, run_command):
 def test_a_recording_at_rest_is_left_out_beside_one_with_motion(runs, run_command, capsys):
     rows = [f"{k / 200},0.05,{0.02 * np.sin(k / 50):.5f}" for k in range(800)]
     Path("rest.csv").write_text("\n".join(["time,position,torque", *rows]))
-    run_command("compare base.json rest.csv train.csv --json both.json")
+    assert "warning: rest.csv: position is 0.05 rad" in run_command(
+        "compare base.json rest.csv train.csv --json both.json"
+    )
     run_command("compare base.json train.csv --json moving.json")
     assert held("both.json") == held("moving.json")
     assert main(["identify", "rest.csv"]) == 2

@@ -235,14 +235,13 @@ class Session:
     def add_recordings(self, *loaded: LoadedRecording) -> None:
         """Add recordings to the state, and remove its fits."""
         names, all_loaded = ", ".join(item.recording.name for item in loaded), (*self.state.loaded, *loaded)
-        if any(item.source.role == "fit" and item.source.file not in self._fitted_checks for item in loaded):
+        if any(item.source.role == "fit" and item.source.file not in self._fitted_checks for item in all_loaded):
             all_loaded = tuple(
                 replace(item, source=replace(item.source, role="holdout"))
                 if item.source.file in self._fitted_checks
                 else item
                 for item in all_loaded
             )
-            self._fitted_checks.clear()
         self.change(f"load {names}", self.state.restart(loaded=all_loaded))
 
     def remove(self, id: str) -> None:

@@ -7,7 +7,7 @@ import webbrowser
 from importlib.util import find_spec
 from threading import Timer
 
-from pendulum_env.errors import ColumnError
+from pendulum_env.errors import ColumnError, MotionlessError
 from pendulum_env.recording import Source
 from pendulum_env.settings import use_writer
 from workbench import options
@@ -41,6 +41,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for source in recordings:
         try:  # report errors on the terminal
             read_all([source], terminal, Source.read if robot is None else robot.read)
+        except MotionlessError as error:
+            if len(recordings) == 1:
+                raise
+            terminal.print(f"{error}: the recording is left out")
         except ColumnError as error:
             if robot is not None:
                 raise

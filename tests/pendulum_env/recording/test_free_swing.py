@@ -97,6 +97,12 @@ def test_rest_before_each_release_is_left_out(counted: bool) -> None:
     assert all(abs(recording.position[start] - 1.2) < 0.05 for start in recording.starts)
 
 
+def test_a_velocity_in_every_third_row_is_integrated() -> None:
+    gyro = np.where(np.arange(len(TIME)) % 3 == 0, np.gradient(ANGLE, TIME), np.nan)
+    recording = read_recording({"time": TIME, "gyro": gyro}, columns={"velocity": "gyro:rad/s", "torque": "none"})
+    assert np.ptp(recording.position) == pytest.approx(np.ptp(ANGLE), rel=0.02)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_gyroscope_with_an_offset_and_late_stamps_has_the_angle_of_its_swing(seed: int) -> None:
     def slope(_: float, state: np.ndarray) -> list[float]:

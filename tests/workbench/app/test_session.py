@@ -439,6 +439,9 @@ def test_names_decide_on_roles_and_the_order_of_an_upload_does_not_matter(tmp_pa
     assert not alone.state.loaded[0].held_out  # something must be fitted
     drop(alone, tmp_path / "a.train.csv")
     assert [item.held_out for item in alone.state.loaded] == [True, False]  # until another is there
+    alone.run_action(alone.undo)
+    drop(alone, tmp_path / "a.train.csv")
+    assert [item.held_out for item in alone.state.loaded] == [True, False]
     alone.run_action(lambda: alone.hold_out("a.holdout.csv", False))
     alone.run_action(lambda: alone.remove("a.train.csv"))
     drop(alone, tmp_path / "latest.csv")
