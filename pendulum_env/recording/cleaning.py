@@ -285,8 +285,8 @@ def drop_initial_holds(log: Log) -> None:
     """Remove the samples of free swings before their release, at which the joint is held away from equilibrium.
 
     Each part of the log, between gaps of `CLEANING.restart_gap` or of another `segment`, is a swing of its own. The
-    median of position is the equilibrium. If position is the integral of a velocity, each part has its own, and the mean
-    velocity at rest is subtracted: it is the offset of the sensor, such as a gyroscope.
+    median of position is the equilibrium. If position is the integral of a velocity, each part has its own equilibrium,
+    and the mean velocity at rest is subtracted: it is the offset of the sensor, such as a gyroscope.
     """
     time, position = log.values["time"] - log.values["time"][0], log.position
     velocity = log.values["velocity"].copy() if log.is_integral else np.zeros(0)
@@ -297,9 +297,8 @@ def drop_initial_holds(log: Log) -> None:
         equilibrium = float(np.median(position[rows])) if log.is_integral else equilibrium
         begin, release = _find_hold(own_time, position[rows], equilibrium)
         if release:
-            log.notes.append(
-                Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(time[rows[0]] + release, unit="s")})
-            )
+            until = Quantity(float(time[rows[0]]) + release, unit="s")
+            log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": until}))
             is_kept[rows] = own_time >= release
             is_held = np.abs(own_time - 0.5 * (begin + release)) <= 0.5 * CLEANING.rest_share * (release - begin)
             if log.is_integral and (offset := _measure_offset(velocity[rows], is_held)):
