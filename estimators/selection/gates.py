@@ -240,13 +240,13 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     evidence, criterion = after.evidence, after.evidence.criterion
 
     def compare(new: Step, old: Step, has_motion: bool = True) -> list[Gate]:
-        terms, motions = (new.model.terms, old.model.terms), (evidence.train.motions, evidence.train.recorded_motions)
+        terms, train = (new.model.terms, old.model.terms), evidence.train
         is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
         margin = criterion.equal_error_share if is_hidden else 0.0
-        gates = compare_errors(new, old, *motions, margin, has_motion)
+        gates = compare_errors(new, old, train.motions, train.recorded_motions, margin, has_motion)
         if not gates[0].passed and not any(estimate.std for estimate in new.model.estimates.values()):
             new = replace(new, model=evidence.fits.fit_with_std(new.model.terms).model)
-            gates = compare_errors(new, old, *motions, margin, has_motion)
+            gates = compare_errors(new, old, train.motions, train.recorded_motions, margin, has_motion)
         return gates
 
     new, old = after.step, before.step

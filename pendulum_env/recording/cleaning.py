@@ -87,12 +87,12 @@ class Log:
         position = self.values["position"]
         return np.unwrap(position, period=self.turns["position"]) if self.unwraps else position
 
-    def replace_clock(self, time: Array) -> None:
-        """Replace the times (N,) [s], and integrate the velocity again if the position is its integral."""
-        self.values = {**self.values, "time": time}
+    def replace_series(self, **series: Array) -> None:
+        """Replace series (N,), such as the time, and integrate the velocity again if the position is its integral."""
+        self.values = {**self.values, **series}
         if self.is_integral:
-            first, velocity = self.values["position"][0], self.values["velocity"]
-            self.values["position"] = first + integrate_velocity(time, velocity)
+            integral = integrate_velocity(self.values["time"], self.values["velocity"])
+            self.values["position"] = self.values["position"][0] + integral
 
     def keep_rows(self, is_kept: Mask) -> None:
         """Keep the samples of a mask (N,)."""
@@ -289,9 +289,8 @@ def drop_initial_holds(log: Log) -> None:
     and the mean velocity at rest is subtracted: it is the offset of the sensor, such as a gyroscope.
     """
     time, position = log.values["time"] - log.values["time"][0], log.position
-    velocity = log.values["velocity"].copy() if log.is_integral else np.zeros(0)
     is_new = (np.diff(time) >= CLEANING.restart_gap) | (np.diff(log.values.get("segment", np.zeros(len(time)))) != 0)
-    is_kept, equilibrium = np.ones(len(time), dtype=np.bool_), float(np.median(position))
+    is_kept, offsets, equilibrium = np.ones(len(time), dtype=np.bool_), np.zeros(len(time)), float(np.median(position))
     for rows in np.split(np.arange(len(time)), np.flatnonzero(is_new) + 1):
         own_time = time[rows] - time[rows[0]]
         equilibrium = float(np.median(position[rows])) if log.is_integral else equilibrium
@@ -301,12 +300,11 @@ def drop_initial_holds(log: Log) -> None:
             log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": until}))
             is_kept[rows] = own_time >= release
             is_held = np.abs(own_time - 0.5 * (begin + release)) <= 0.5 * CLEANING.rest_share * (release - begin)
-            if log.is_integral and (offset := _measure_offset(velocity[rows], is_held)):
-                velocity[rows] -= offset
+            if log.is_integral and (offset := _measure_offset(log.values["velocity"][rows], is_held)):
+                offsets[rows] = offset
                 log.notes.append(Note(NoteKind.OFFSET, ("velocity",), {"offset": Quantity(offset, unit="rad/s")}))
-    if log.is_integral:
-        log.values = {**log.values, "velocity": velocity}
-        log.replace_clock(log.values["time"])
+    if offsets.any():
+        log.replace_series(velocity=log.values["velocity"] - offsets)
     log.keep_rows(is_kept)
 
 

@@ -88,7 +88,7 @@ def replace_late_stamps(logs: Sequence[Log]) -> None:
     if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
     for each in logs:
-        each.replace_clock(clock - clock[0] + time[0])
+        each.replace_series(time=clock - clock[0] + time[0])
     deviation = Quantity(1e3 * float(np.std(time - clock)), unit="ms")
     log.notes.append(
         Note(NoteKind.STAMPS_LATE, numbers={"rate": Quantity(1 / fit.period, unit="Hz"), "std": deviation})

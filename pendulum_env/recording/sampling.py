@@ -170,7 +170,7 @@ def resample_uniformly(logs: Sequence[Log]) -> None:
     if unevenness <= max(1.001 * log.resolution + log.rounding, SAMPLING.negligible_error * period) and not has_loss:
         grids = [_make_grid(part["time"][0], period, len(part["time"])) for part in parts]
         for each in logs:
-            each.replace_clock(np.concatenate(grids))
+            each.replace_series(time=np.concatenate(grids))
         if unevenness > log.rounding:
             rate = {"rate": Quantity(1 / period, unit="Hz")}
             log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=unevenness)))

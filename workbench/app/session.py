@@ -235,13 +235,9 @@ class Session:
     def add_recordings(self, *loaded: LoadedRecording) -> None:
         """Add recordings to the state, and remove its fits."""
         names, all_loaded = ", ".join(item.recording.name for item in loaded), (*self.state.loaded, *loaded)
-        if any(item.source.role == "fit" and item.source.file not in self._fitted_checks for item in all_loaded):
-            all_loaded = tuple(
-                replace(item, source=replace(item.source, role="holdout"))
-                if item.source.file in self._fitted_checks
-                else item
-                for item in all_loaded
-            )
+        checks = self._fitted_checks
+        if any(not item.held_out and item.source.file not in checks for item in all_loaded):
+            all_loaded = tuple(item.hold_out(True) if item.source.file in checks else item for item in all_loaded)
         self.change(f"load {names}", self.state.restart(loaded=all_loaded))
 
     def remove(self, id: str) -> None:
@@ -255,8 +251,7 @@ class Session:
         chosen = self.state.find(id)
         self._fitted_checks.discard(chosen.source.file)
         if chosen.held_out != held_out:
-            source = replace(chosen.source, role="holdout" if held_out else "fit")
-            self.change("fit or check", self.state.swap_recording(chosen, replace(chosen, source=source)))
+            self.change("fit or check", self.state.swap_recording(chosen, chosen.hold_out(held_out)))
 
     # ---------------------------------------------------------------------------------------------- columns
 

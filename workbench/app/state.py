@@ -118,6 +118,10 @@ class LoadedRecording:
         """Return whether the recording is held out."""
         return self.source.role == "holdout"
 
+    def hold_out(self, held_out: bool) -> Self:
+        """Return the recording held out, or to fit."""
+        return replace(self, source=replace(self.source, role="holdout" if held_out else "fit"))
+
 
 @dataclass(frozen=True, eq=False)
 class State:
