@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 demo: .venv/core
 	$(BIN)/pendulum-ident demo
 
-# Every module, in ten minutes on two cores; PART=estimators/online takes the tests of one folder or file alone.
+# Every module, in 10 to 17 minutes on two cores; PART=estimators/online takes the tests of one folder or file alone.
 # What runs against the clock mostly waits, so that it runs beside what only computes, which gives way to it.
 PART ?=
 HERE := $(if $(PART),tests/$(PART:tests/%=%),tests)
